@@ -1,0 +1,36 @@
+"""Finds the URDFs, worlds and policies, in a checkout and in an installed wheel alike."""
+
+from pathlib import Path
+
+from zebrat_bullet.errors import AssetError
+
+_PACKAGE = Path(__file__).parent
+
+
+def asset_folder(kind: str) -> Path:
+    """Return the folder that holds `kind`, one of "urdf", "worlds" or "policies".
+
+    The wheel carries all three inside the package; a checkout has urdf/ and worlds/ beside it.
+    """
+    inside = _PACKAGE / kind
+    return inside if inside.is_dir() else _PACKAGE.parent / kind
+
+
+def find_asset(kind: str, name: str, suffix: str) -> Path:
+    """Return the path of a shipped asset by name, or of a user's own file by path.
+
+    Raises:
+        AssetError: neither a file at `name` nor a shipped asset of that name exists.
+    """
+    shipped = asset_folder(kind) / f"{name}{suffix}"
+    if shipped.is_file():
+        return shipped
+    if Path(name).is_file():
+        return Path(name)
+    known = ", ".join(list_assets(kind, suffix)) or "none"
+    raise AssetError(f"no {kind} named {name!r} and no file at that path; shipped are: {known}")
+
+
+def list_assets(kind: str, suffix: str) -> list[str]:
+    """Return the names of the shipped assets of a kind, sorted."""
+    return sorted(path.name.removesuffix(suffix) for path in asset_folder(kind).glob(f"*{suffix}"))

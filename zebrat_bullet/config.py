@@ -1,0 +1,214 @@
+"""Every setting of the car, its senses and its task: frozen, validated once, varied by `dataclasses.replace`."""
+
+import math
+from dataclasses import dataclass, field
+
+from zebrat_bullet.errors import ConfigError
+
+
+def _require(ok: bool, message: str) -> None:
+    if not ok:
+        raise ConfigError(message)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicsConfig:
+    """How the physics is stepped.
+
+    Attributes:
+        control_step_s: time between two commands (paper: 0.2 s).
+        rate_hz: physics steps a second; a control step must hold a whole number of them.
+        solver_iterations: constraint solver iterations; 10 biased the motion by 4 %, 20 did not.
+        contact_breaking_m: distance at which a contact is dropped; Bullet's 0.02 keeps stale wheel contacts.
+        max_speed_mps, max_steering_rad: limits of a command; commands beyond them are clipped.
+    """
+
+    control_step_s: float = 0.2
+    rate_hz: float = 120.0
+    solver_iterations: int = 20
+    contact_breaking_m: float = 0.001
+    max_speed_mps: float = 0.6
+    max_steering_rad: float = 0.6
+
+    def __post_init__(self) -> None:
+        _require(self.control_step_s > 0 and self.rate_hz > 0, "control_step_s and rate_hz must be above 0")
+        n = self.control_step_s * self.rate_hz
+        _require(
+            abs(n - round(n)) < 1e-6 and round(n) >= 1,
+            f"control_step_s {self.control_step_s} holds {n:g} physics steps at {self.rate_hz} Hz; "
+            "choose a rate that gives a whole number",
+        )
+        _require(
+            self.solver_iterations >= 1, f"solver_iterations must be at least 1, got {self.solver_iterations}"
+        )
+        _require(self.max_speed_mps > 0, f"max_speed_mps must be above 0, got {self.max_speed_mps}")
+        _require(
+            0 < self.max_steering_rad < math.pi / 2,
+            f"max_steering_rad must be in (0, pi/2), got {self.max_steering_rad}",
+        )
+
+    @property
+    def n_substeps(self) -> int:
+        """Physics steps in a control step."""
+        return round(self.control_step_s * self.rate_hz)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarConfig:
+    """The beams of the lidar (defaults: Velodyne VLP-16 at one degree).
+
+    Attributes:
+        n_channels, n_bearings: beams above each other, and around.
+        elevation_min_rad, elevation_max_rad: lowest and highest channel.
+        range_max_m: reach.
+        caster: "bullet" (rayTestBatch) or "embree" (Open3D RaycastingScene).
+    """
+
+    n_channels: int = 16
+    n_bearings: int = 360
+    elevation_min_rad: float = math.radians(-15.0)
+    elevation_max_rad: float = math.radians(15.0)
+    range_max_m: float = 6.0
+    caster: str = "bullet"
+
+    def __post_init__(self) -> None:
+        _require(
+            self.caster in ("bullet", "embree"), f"caster must be 'bullet' or 'embree', got {self.caster!r}"
+        )
+        _require(
+            self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings"
+        )
+        _require(
+            -math.pi / 2 < self.elevation_min_rad <= self.elevation_max_rad < math.pi / 2,
+            "elevations must satisfy -pi/2 < min <= max < pi/2",
+        )
+        _require(self.range_max_m > 0, f"range_max_m must be above 0, got {self.range_max_m}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseConfig:
+    """Lidar imperfections, applied between cloud and scan; all off by default.
+
+    Attributes:
+        range_sigma_m: Gaussian range noise along each ray (VLP-16: 0.008 m in the authors' URDF).
+        dropout: probability that a return is lost.
+        mount_xyz_m, mount_yaw_rad: error of the mount that the flattening does not know of.
+    """
+
+    range_sigma_m: float = 0.0
+    dropout: float = 0.0
+    mount_xyz_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mount_yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require(self.range_sigma_m >= 0, f"range_sigma_m must be at least 0, got {self.range_sigma_m}")
+        _require(0 <= self.dropout <= 1, f"dropout is a probability, got {self.dropout}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlattenConfig:
+    """The height band, in m above the floor, whose points make the 2D scan."""
+
+    height_min_m: float = 0.05
+    height_max_m: float = 0.80
+
+    def __post_init__(self) -> None:
+        _require(
+            self.height_min_m < self.height_max_m,
+            f"height_min_m {self.height_min_m} must be below height_max_m {self.height_max_m}",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SafetyRegionConfig:
+    """Which representation watches the car's outline, and how finely (paper, Algorithm 1).
+
+    Attributes:
+        kind: "sr" (safety region), "firect" (even angles, outline ranges) or "fifr" (even angles, one range).
+        resolution_m: r of Algorithm 1, outline length between two bearings; 0.095 gives 32 of them on ZebraT.
+        margin_m: how far the outline is enlarged on every side.
+    """
+
+    kind: str = "sr"
+    resolution_m: float = 0.095
+    margin_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require(
+            self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}"
+        )
+        _require(self.resolution_m > 0, f"resolution_m must be above 0, got {self.resolution_m}")
+        _require(self.margin_m >= 0, f"margin_m must be at least 0, got {self.margin_m}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardConfig:
+    """Weights and settings of the reward (paper, eq. 3-8, Table I); a weight of 0 switches a term off.
+
+    Attributes:
+        forward, obstacle, middle, time: weights c1..c4 of the terms F, O, M and T.
+        collision, success: R_c and R_r, paid alone on the terminal step.
+        discount: gamma of the sums over rays.
+        log_base: base of the logarithm in O; the paper writes "log", the authors' code uses 10. With the natural
+            logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.
+    """
+
+    forward: float = 1.0
+    obstacle: float = 1.0
+    middle: float = 1.0
+    time: float = 1.0
+    collision: float = -50.0
+    success: float = 50.0
+    discount: float = 0.9
+    log_base: float = 10.0
+
+    def __post_init__(self) -> None:
+        _require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
+        _require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
+
+
+REWARD_PRESETS = {
+    "fomt": RewardConfig(),
+    "fot": RewardConfig(middle=0.0),
+    "ft": RewardConfig(obstacle=0.0, middle=0.0),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeConfig:
+    """When an episode ends (DESIGN: success, collision, time-out, stall) and where it begins.
+
+    Attributes:
+        max_steps: control steps until time-out.
+        stall_steps, stall_distance_m: the car fails when it moved less than this distance between two checks.
+        open_width_m: V_left + V_right above this is open space.
+        start: "start" (the world's start pose with its random range) or "anywhere" (along the centre line).
+    """
+
+    max_steps: int = 1000
+    stall_steps: int = 70
+    stall_distance_m: float = 0.2
+    open_width_m: float = 8.0
+    start: str = "start"
+
+    def __post_init__(self) -> None:
+        _require(
+            self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1"
+        )
+        _require(
+            self.start in ("start", "anywhere"), f"start must be 'start' or 'anywhere', got {self.start!r}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskConfig:
+    """The whole task: the car in a world, its senses, its reward and its episode rules."""
+
+    robot: str = "zebrat"
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    flatten: FlattenConfig = field(default_factory=FlattenConfig)
+    region: SafetyRegionConfig = field(default_factory=SafetyRegionConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)

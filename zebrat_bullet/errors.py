@@ -1,0 +1,37 @@
+"""Errors a user can cause, each saying what was got, what is allowed and what to do."""
+
+
+class ZebratError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class ConfigError(ZebratError, ValueError):
+    """A setting is out of its range, or two settings do not fit together."""
+
+
+class AssetError(ZebratError, FileNotFoundError):
+    """A named URDF, world or policy does not exist; the message lists those that do."""
+
+
+class RobotError(ZebratError, ValueError):
+    """A URDF lacks a role (joint or link) that a car-like robot needs, or its numbers contradict each other."""
+
+
+class WorldError(ZebratError, ValueError):
+    """A world file breaks the schema or describes a place that cannot be driven; names file, field and remedy."""
+
+
+class ActionError(ZebratError, ValueError):
+    """An action or command is not finite, or has the wrong shape; it is never simulated."""
+
+
+class PolicyError(ZebratError, ValueError):
+    """A policy file is not one of ours, or does not fit the observation."""
+
+
+class SimulationError(ZebratError, RuntimeError):
+    """The physics produced a non-finite number; the state that made it was saved."""
+
+
+class MissingSystemLibraryError(ZebratError, OSError):
+    """A shared library from the operating system is absent; the message names the package to install."""

@@ -1,0 +1,37 @@
+"""Pure planar and spatial geometry: angles, rotations, outlines."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.types import Pose2
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Return the same direction in [-pi, pi)."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def rotation_2d(yaw_rad: float) -> NDArray[np.float64]:
+    """Return the (2, 2) rotation that turns vectors left by `yaw_rad`."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s], [s, c]])
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Return the (3, 3) rotation of fixed-axis roll, pitch, yaw (URDF and ROS convention)."""
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def to_world(points_base: NDArray[np.float64], pose: Pose2) -> NDArray[np.float64]:
+    """Move (K, 2) points in m from the base frame of a car at `pose` into the world frame."""
+    return np.asarray(points_base) @ rotation_2d(pose.yaw).T + (pose.x, pose.y)

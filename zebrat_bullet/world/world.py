@@ -1,0 +1,69 @@
+"""The geometry of a place to drive in; knows nothing of any simulator."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.types import Pose2
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh: `vertices` (V, 3) float64 in m, world frame; `faces` (F, 3) int32, outward counter-clockwise."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A start pose with the half-widths of its uniform random range (m, m, rad; x and y in the pose's own frame)."""
+
+    pose: Pose2
+    range_x_m: float = 0.0
+    range_y_m: float = 0.0
+    range_yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class World:
+    """One world, checked and meshed.
+
+    Attributes:
+        name: file stem or the user's name for it.
+        description: one line.
+        mesh: all solid walls and obstacles (not the floor, which is the plane z = 0), watertight.
+        walls: the outlines of everything the body can hit, world frame.
+        low_obstacles: the part of `walls` that the lidar cannot always see (declared low); often empty.
+        free_space: the drivable interior up to the open-space line.
+        centre_line: (N, 2) float64, m, from the start to past the open-space line, points at most 0.1 m apart;
+            (0, 2) where the world has none (a user's mesh or map).
+        widths_m: (N,) float64, width of the passage at those points.
+        start: where the car begins.
+        waypoints: (K, 2) float64; the last is the goal, 1 m past the open-space line.
+        open_line: (2, 2) float64, end points of the line where open space begins, ordered so that open space lies to
+            the right when going from the first to the second; None where the world declares no exit.
+        max_steps: overrides the time-out of the task, or None.
+    """
+
+    name: str
+    description: str
+    mesh: Mesh
+    walls: shapely.MultiPolygon
+    low_obstacles: shapely.MultiPolygon
+    free_space: shapely.Polygon
+    centre_line: NDArray[np.float64]
+    widths_m: NDArray[np.float64]
+    start: Start
+    waypoints: NDArray[np.float64]
+    open_line: NDArray[np.float64] | None
+    max_steps: int | None = None
+
+    def past_open_line(self, x: float, y: float) -> bool:
+        """Return whether a world point lies past the line where open space begins."""
+        if self.open_line is None:
+            return False
+        (ax, ay), (bx, by) = self.open_line
+        return (bx - ax) * (y - ay) - (by - ay) * (x - ax) < 0.0
