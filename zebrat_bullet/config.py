@@ -38,9 +38,7 @@ class PhysicsConfig:
             f"control_step_s {self.control_step_s} holds {n:g} physics steps at {self.rate_hz} Hz; "
             "choose a rate that gives a whole number",
         )
-        _require(
-            self.solver_iterations >= 1, f"solver_iterations must be at least 1, got {self.solver_iterations}"
-        )
+        _require(self.solver_iterations >= 1, f"solver_iterations must be at least 1, got {self.solver_iterations}")
         _require(self.max_speed_mps > 0, f"max_speed_mps must be above 0, got {self.max_speed_mps}")
         _require(
             0 < self.max_steering_rad < math.pi / 2,
@@ -72,12 +70,8 @@ class LidarConfig:
     caster: str = "bullet"
 
     def __post_init__(self) -> None:
-        _require(
-            self.caster in ("bullet", "embree"), f"caster must be 'bullet' or 'embree', got {self.caster!r}"
-        )
-        _require(
-            self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings"
-        )
+        _require(self.caster in ("bullet", "embree"), f"caster must be 'bullet' or 'embree', got {self.caster!r}")
+        _require(self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings")
         _require(
             -math.pi / 2 < self.elevation_min_rad <= self.elevation_max_rad < math.pi / 2,
             "elevations must satisfy -pi/2 < min <= max < pi/2",
@@ -134,9 +128,7 @@ class SafetyRegionConfig:
     margin_m: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(
-            self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}"
-        )
+        _require(self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}")
         _require(self.resolution_m > 0, f"resolution_m must be above 0, got {self.resolution_m}")
         _require(self.margin_m >= 0, f"margin_m must be at least 0, got {self.margin_m}")
 
@@ -192,12 +184,8 @@ class EpisodeConfig:
     start: str = "start"
 
     def __post_init__(self) -> None:
-        _require(
-            self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1"
-        )
-        _require(
-            self.start in ("start", "anywhere"), f"start must be 'start' or 'anywhere', got {self.start!r}"
-        )
+        _require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
+        _require(self.start in ("start", "anywhere"), f"start must be 'start' or 'anywhere', got {self.start!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
