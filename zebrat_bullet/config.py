@@ -1,7 +1,11 @@
 """Every setting of the car, its senses and its task: frozen, validated once, varied by `dataclasses.replace`."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
 
 from zebrat_bullet.errors import ConfigError
 
@@ -135,34 +139,32 @@ class SafetyRegionConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RewardConfig:
-    """Weights and settings of the reward (paper, eq. 3-8, Table I); a weight of 0 switches a term off.
+    """Weights and settings of the reward (paper, eq. 3-8, Table I).
 
     Attributes:
-        forward, obstacle, middle, time: weights c1..c4 of the terms F, O, M and T.
+        weights: weight of each term by its name in `task/rewards.py`; a term that is absent or 0 is off.
         collision, success: R_c and R_r, paid alone on the terminal step.
         discount: gamma of the sums over rays.
         log_base: base of the logarithm in O; the paper writes "log", the authors' code uses 10. With the natural
             logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.
     """
 
-    forward: float = 1.0
-    obstacle: float = 1.0
-    middle: float = 1.0
-    time: float = 1.0
+    weights: Mapping[str, float] = field(default_factory=lambda: dict(F=1.0, O=1.0, M=1.0, T=1.0))
     collision: float = -50.0
     success: float = 50.0
     discount: float = 0.9
     log_base: float = 10.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "weights", dict(self.weights))
         _require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
         _require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
 
 
 REWARD_PRESETS = {
     "fomt": RewardConfig(),
-    "fot": RewardConfig(middle=0.0),
-    "ft": RewardConfig(obstacle=0.0, middle=0.0),
+    "fot": RewardConfig(weights=dict(F=1.0, O=1.0, T=1.0)),
+    "ft": RewardConfig(weights=dict(F=1.0, T=1.0)),
 }
 
 
@@ -200,3 +202,23 @@ class TaskConfig:
     region: SafetyRegionConfig = field(default_factory=SafetyRegionConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+
+
+Config = TypeVar("Config")
+
+
+def to_json(config: object) -> str:
+    """Return a settings dataclass as JSON."""
+    return TypeAdapter(type(config)).dump_json(config).decode()
+
+
+def from_json(kind: type[Config], text: str) -> Config:
+    """Read a settings dataclass of the given kind from JSON.
+
+    Raises:
+        ConfigError: a value is missing, of the wrong type or out of its range; the message names the field.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(text)
+    except ValidationError as error:
+        raise ConfigError(f"not a valid {kind.__name__}: {error}") from error

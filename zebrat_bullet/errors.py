@@ -35,3 +35,7 @@ class SimulationError(ZebratError, RuntimeError):
 
 class MissingSystemLibraryError(ZebratError, OSError):
     """A shared library from the operating system is absent; the message names the package to install."""
+
+
+class RenderError(ZebratError, RuntimeError):
+    """A picture or video could not be made: the wrong kind of window, or a size no encoder takes."""

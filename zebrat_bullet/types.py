@@ -1,7 +1,8 @@
 """The frozen records that flow through the package, one direction only.
 
-Units are SI (m, s, rad). Frames: `_world` is the map; `_base` is the car's body centre projected on the floor, x forward,
-y left, z up; `_lidar` is the sensor's own. Yaw, bearings and steering are positive to the left (counter-clockwise).
+Units are SI (m, s, rad). Frames: `_world` is the map; `_base` is the car's body centre projected on the floor,
+x forward, y left, z up; `_lidar` is the sensor's own. Yaw, bearings and steering are positive to the left
+(counter-clockwise).
 """
 
 from dataclasses import dataclass

@@ -1,0 +1,66 @@
+"""What drives the car: anything with `reset` and `act`. Planners, people and learned policies look alike here."""
+
+from typing import Protocol
+
+import numpy as np
+
+from zebrat_bullet.types import Command, Reading
+
+
+class Agent(Protocol):
+    """A driver.
+
+    Attributes:
+        name: what tables call it.
+        privileged: what it is given beyond the lidar, e.g. {"pose"}; printed in every table. Empty for a fair agent.
+    """
+
+    name: str
+    privileged: frozenset[str]
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode; `seed` fixes whatever chance the agent uses in the next."""
+
+    def act(self, reading: Reading) -> Command:
+        """Return the command for this reading."""
+
+
+class RandomAgent:
+    """Uniformly random commands: the floor of every comparison."""
+
+    name = "random"
+    privileged: frozenset[str] = frozenset()
+
+    def __init__(self, max_speed_mps: float, max_steering_rad: float) -> None:
+        self._limits = np.array([max_speed_mps, max_steering_rad])
+
+    def reset(self, seed: int) -> None:
+        """Seed the commands of the next episode."""
+        self._rng = np.random.default_rng(seed)
+
+    def act(self, reading: Reading) -> Command:
+        """Return a random command."""
+        speed, steering = self._rng.uniform(-self._limits, self._limits)
+        return Command(float(speed), float(steering))
+
+
+class NoisyAgent:
+    """Another agent with Gaussian noise on its commands, as during training (sigma as a fraction of the limits)."""
+
+    def __init__(self, agent: Agent, sigma: float, max_speed_mps: float, max_steering_rad: float) -> None:
+        self.name = f"{agent.name}+noise{sigma:g}"
+        self.privileged = agent.privileged
+        self._agent, self._sigma = agent, sigma
+        self._limits = np.array([max_speed_mps, max_steering_rad])
+
+    def reset(self, seed: int) -> None:
+        """Reset the agent and seed the noise."""
+        self._agent.reset(seed)
+        self._rng = np.random.default_rng(seed)
+
+    def act(self, reading: Reading) -> Command:
+        """Return the agent's command, disturbed and clipped to the limits."""
+        command = self._agent.act(reading)
+        disturbed = self._rng.normal((command.speed_mps, command.steering_rad), self._sigma * self._limits)
+        speed, steering = np.clip(disturbed, -self._limits, self._limits)
+        return Command(float(speed), float(steering))

@@ -1,0 +1,100 @@
+"""A trained policy from a safetensors file, run with numpy: no torch, no unpickling, no simulator."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from zebrat_bullet.assets import find_asset
+from zebrat_bullet.errors import PolicyError
+from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.types import Command, Reading
+
+FORMAT = "zebrat-policy-1"
+
+
+class PolicyAgent:
+    """A multilayer perceptron with ReLU layers and a tanh output: observation in, (speed, steering) out.
+
+    Args:
+        name: what tables call it.
+        layers: (weight (out, in), bias (out,)) of each layer, float32.
+        observation: how readings are encoded.
+        provenance: how it was trained (config, seed, versions); shown by tools, unused here.
+    """
+
+    privileged: frozenset[str] = frozenset()
+
+    def __init__(
+        self,
+        name: str,
+        layers: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
+        observation: ObservationSpec,
+        provenance: Mapping[str, object],
+    ) -> None:
+        self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
+
+    def reset(self, seed: int) -> None:
+        """Do nothing: the policy is deterministic and has no memory."""
+
+    def act(self, reading: Reading) -> Command:
+        """Return the policy's command.
+
+        Raises:
+            PolicyError: the reading has another number of bearings than the policy was trained with.
+        """
+        if len(reading.clearance.obs_m) != self.observation.n_rays:
+            raise PolicyError(
+                f"policy {self.name!r} expects {self.observation.n_rays} bearings, the reading has "
+                f"{len(reading.clearance.obs_m)}; use the robot and safety region it was trained with"
+            )
+        return self.observation.decode(self.action(self.observation.encode(reading)))
+
+    def action(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the (2,) float32 action in [-1, 1] for an encoded observation."""
+        hidden = observation
+        for weight, bias in self.layers[:-1]:
+            hidden = np.maximum(weight @ hidden + bias, 0.0)
+        weight, bias = self.layers[-1]
+        return np.tanh(weight @ hidden + bias)
+
+
+def save_policy(agent: PolicyAgent, path: Path) -> None:
+    """Write a policy as safetensors; the observation and the provenance travel as JSON in its header."""
+    tensors = {}
+    for i, (weight, bias) in enumerate(agent.layers):
+        tensors[f"{i}.weight"], tensors[f"{i}.bias"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
+    header = {
+        "format": FORMAT,
+        "observation": json.dumps(asdict(agent.observation)),
+        "provenance": json.dumps(agent.provenance),
+    }
+    part = path.with_suffix(".part")
+    save_file(tensors, part, metadata=header)
+    part.replace(path)
+
+
+def load_policy(name_or_path: str) -> PolicyAgent:
+    """Load a shipped policy by name or a policy file by path.
+
+    Raises:
+        AssetError: there is no such policy.
+        PolicyError: the file is not a policy of this package.
+    """
+    path = find_asset("policies", name_or_path, ".safetensors")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            header = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a mapping)
+    except SafetensorError as error:
+        raise PolicyError(f"{path} is not a safetensors file ({error}); export one with `zebrat train`") from error
+    if header.get("format") != FORMAT:
+        raise PolicyError(f"{path} has format {header.get('format')!r}, expected {FORMAT!r}; was it exported by us?")
+    layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(len(tensors) // 2)]
+    observation = ObservationSpec(**json.loads(header["observation"]))
+    return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]))

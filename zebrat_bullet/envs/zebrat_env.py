@@ -1,0 +1,167 @@
+"""The gymnasium environment: wiring only. The task itself is `zebrat_bullet.task.drive.Drive`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from zebrat_bullet.config import REWARD_PRESETS, NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
+from zebrat_bullet.world import World, load_world
+
+RENDER_SIZE = (640, 480)
+
+
+class ZebratEnv(gymnasium.Env):
+    """A car-like robot that must find its way out of a narrow place by lidar alone.
+
+    Observation: V_obs in 32 bearings and the last command, float32, scaled to [-1, 1] (`raw=True`: m, m/s, rad).
+    Action: (speed, steering) in [-1, 1], times 0.6 m/s and 0.6 rad (`raw=True`: SI); out of range is clipped, a
+    non-finite action raises ActionError and is never simulated. `discrete=True`: six actions, DISCRETE_COMMANDS.
+    Each episode is a pure function of the seed given to `reset` and the number of resets since.
+
+    Args:
+        world: a world's name, file or object, or several of them, of which each episode draws one.
+        reward: a preset name ("fomt", "fot", "ft") or a RewardConfig.
+        caster: "bullet" or "embree"; None keeps the task's.
+        noise: lidar noise; None keeps the task's.
+        discrete: six actions instead of a Box.
+        raw: observations and actions in SI units instead of [-1, 1].
+        task: every other setting; the arguments above override it.
+        render_mode: None or "rgb_array" (drawn by VTK through OSMesa).
+
+    Raises:
+        ConfigError, WorldError, AssetError: see the message.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 (gymnasium's own contract)
+
+    def __init__(
+        self,
+        world: str | World | Sequence[str | World] = "big_track",
+        *,
+        reward: str | RewardConfig | None = None,
+        caster: str | None = None,
+        noise: NoiseConfig | None = None,
+        discrete: bool = False,
+        raw: bool = False,
+        task: TaskConfig | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        config = _task(task or TaskConfig(), reward, caster, noise)
+        named = [world] if isinstance(world, str | World) else list(world)
+        self._worlds = [load_world(w) if isinstance(w, str) else w for w in named]
+        if not self._worlds:
+            raise ConfigError("world is an empty list; name at least one world")
+        self.drive = Drive(config, self._worlds[0])
+        self.spec_observation = ObservationSpec(
+            n_rays=len(self.drive.region.range_m),
+            range_max_m=config.lidar.range_max_m,
+            max_speed_mps=config.physics.max_speed_mps,
+            max_steering_rad=config.physics.max_steering_rad,
+            raw=raw,
+        )
+        self._discrete = discrete
+        self.render_mode = render_mode
+        self._renderer: Any = None
+        self._seed: int | None = None
+        self._n_episodes = 0
+        self.observation_space, self.action_space = _spaces(self.spec_observation, discrete)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin the next episode; options may hold `pose` (a Pose2) and `world` (an index into the worlds)."""
+        super().reset(seed=seed)
+        if seed is not None or self._seed is None:
+            self._seed = seed if seed is not None else int(self.np_random.integers(2**31))
+            self._n_episodes = 0
+        rng = np.random.default_rng([self._seed, self._n_episodes])
+        self._n_episodes += 1
+        options = options or {}
+        index = int(rng.integers(len(self._worlds))) if len(self._worlds) > 1 else 0
+        world = self._worlds[options.get("world", index)]
+        reading = self.drive.reset(rng, world, options.get("pose"))
+        self._reading, self._path = reading, [self.drive.state.pose]
+        return self.spec_observation.encode(reading), {"world": world.name, "pose": self.drive.state.pose}
+
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Drive one control step of 0.2 s; `info` holds every weighted reward term and, at the end, the outcome."""
+        spec = self.spec_observation
+        step = self.drive.step(spec.decode_discrete(action) if self._discrete else spec.decode(action))
+        self._reading = step.reading
+        self._path.append(self.drive.state.pose)
+        ended = step.outcome is not None
+        terminated = ended and step.outcome.terminal
+        info: dict[str, Any] = {"terms": step.terms, "world": self.drive.world.name}
+        if ended:
+            info["outcome"] = str(step.outcome)
+            info["is_success"] = step.outcome == "success"
+        return spec.encode(step.reading), step.reward, terminated, ended and not terminated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the (480, 640, 3) picture of the car now, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        from zebrat_bullet.render import live_frame  # VTK loads only for those who draw
+
+        if self._renderer is None or self._renderer.world is not self.drive.world:
+            self._close_renderer()
+            from zebrat_bullet.render import Renderer
+
+            self._renderer = Renderer(self.drive.robot, self.drive.world, *RENDER_SIZE)
+        return self._renderer.frame(live_frame(self.drive, self._reading, self._path))
+
+    def skip_to_episode(self, seed: int, n_episodes: int) -> None:
+        """Make the next reset begin episode number `n_episodes` of `seed`, as if those before had been driven."""
+        self._seed, self._n_episodes = seed, n_episodes
+
+    @property
+    def n_episodes(self) -> int:
+        """Episodes begun since the last seeding, the present one included."""
+        return self._n_episodes
+
+    def close(self) -> None:
+        """Release the physics server and the renderer; a second call does nothing."""
+        self._close_renderer()
+        self.drive.close()
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _task(
+    task: TaskConfig, reward: str | RewardConfig | None, caster: str | None, noise: NoiseConfig | None
+) -> TaskConfig:
+    if isinstance(reward, str):
+        if reward not in REWARD_PRESETS:
+            raise ConfigError(f"unknown reward preset {reward!r}; valid are: {', '.join(REWARD_PRESETS)}")
+        reward = REWARD_PRESETS[reward]
+    return replace(
+        task,
+        reward=reward or task.reward,
+        noise=noise or task.noise,
+        lidar=replace(task.lidar, caster=caster or task.lidar.caster),
+    )
+
+
+def _spaces(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:
+    low = np.full(spec.size, -1.0, dtype=np.float32)
+    high = np.ones(spec.size, dtype=np.float32)
+    limits = np.ones(2, dtype=np.float32)
+    if spec.raw:
+        limits = spec.limits
+        low[:-2], high[:-2] = 0.0, spec.range_max_m
+        low[-2:], high[-2:] = -limits, limits
+    action = spaces.Discrete(len(DISCRETE_COMMANDS)) if discrete else spaces.Box(-limits, limits, dtype=np.float32)
+    return spaces.Box(low, high, dtype=np.float32), action

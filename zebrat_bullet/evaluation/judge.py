@@ -1,0 +1,105 @@
+"""One judge for every agent: the same worlds, start poses, seeds and rules; episodes spread over the cores."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.metrics import Score, score
+from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
+from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.world import load_world
+
+CHUNK = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """What to judge.
+
+    Attributes:
+        agent: an agent's name, policy file or run folder.
+        worlds: world names or files.
+        episodes: episodes in each world.
+        seed: first part of every episode's seed; episode k of a world starts the same for every agent.
+        action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        records: folder for the episode records; None keeps none.
+        workers: processes; None takes one a core.
+        task: the task driven.
+    """
+
+    agent: str
+    worlds: tuple[str, ...]
+    episodes: int
+    seed: int = 0
+    action_noise: float = 0.0
+    records: Path | None = None
+    workers: int | None = None
+    task: TaskConfig
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise ConfigError(f"episodes must be at least 1, got {self.episodes}")
+        if not self.worlds:
+            raise ConfigError("name at least one world")
+
+
+def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: None) -> dict[str, Score]:
+    """Judge an agent in every world and return a score for each.
+
+    Every record is written as soon as its episode is over, so what was driven survives a crash.
+
+    Args:
+        what: agent, worlds, episodes, task.
+        on_episode: called with the world's name after each episode that has ended.
+
+    Raises:
+        ZebratError: the agent or a world cannot be loaded; nothing was driven then.
+    """
+    load_agent(what.agent, what.task.physics)
+    for world in what.worlds:
+        load_world(world)
+    jobs = [
+        (what, world, range(first, min(first + CHUNK, what.episodes)))
+        for world in what.worlds
+        for first in range(0, what.episodes, CHUNK)
+    ]
+    records: dict[str, list[EpisodeRecord]] = {world: [] for world in what.worlds}
+    workers = min(what.workers or os.cpu_count() or 1, len(jobs))
+    with ProcessPoolExecutor(workers, get_context("spawn"), _one_thread) as pool:
+        for future in as_completed([pool.submit(_drive_chunk, *job) for job in jobs]):
+            world, chunk = future.result()
+            records[world] += chunk
+            for _ in chunk:
+                on_episode(world)
+    return {world: score(sorted(records[world], key=lambda r: r.episode)) for world in what.worlds}
+
+
+def record_path(folder: Path, world: str, episode: int) -> Path:
+    """Return where the record of an episode in a world lies."""
+    return folder / Path(world).stem / f"episode_{episode:04d}.npz"
+
+
+def _one_thread() -> None:
+    threadpool_limits(1)  # a process a core already: threads within would only fight for them
+
+
+def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
+    agent = load_agent(what.agent, what.task.physics, what.action_noise)
+    drive = Drive(what.task, load_world(world))
+    records = []
+    for episode in episodes:
+        record = run_episode(drive, agent, what.seed, episode)
+        if what.records is not None:
+            save_record(record, record_path(what.records, world, episode))
+        records.append(record)
+    drive.close()
+    return world, records

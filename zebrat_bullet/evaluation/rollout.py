@@ -1,0 +1,120 @@
+"""Drives one episode with any agent and records it; the same for the judge, the replay and the video."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from zebrat_bullet.agents import Agent
+from zebrat_bullet.config import to_json
+from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.evaluation.records import EpisodeRecord
+from zebrat_bullet.task.drive import Drive, DriveStep
+from zebrat_bullet.task.rewards import TERMS
+from zebrat_bullet.types import Command, Reading, RobotState
+from zebrat_bullet.world import World
+
+
+def run_episode(
+    drive: Drive,
+    agent: Agent,
+    seed: int,
+    episode: int,
+    world: World | None = None,
+) -> EpisodeRecord:
+    """Drive one episode to its end.
+
+    The start pose and the lidar noise come from (seed, episode) alone, so every agent meets the same ones.
+
+    Args:
+        drive: the task.
+        agent: the driver; its own chance comes from (seed, episode) too.
+        seed, episode: which episode.
+        world: where; None keeps the drive's world.
+    """
+    agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
+    reading = drive.reset(np.random.default_rng([seed, episode]), world)
+    readings, states, commands, steps = [reading], [drive.state], [], []
+    while not steps or steps[-1].outcome is None:
+        command = agent.act(_with_privileges(reading, drive.state, agent))
+        step = drive.step(command)
+        reading = step.reading
+        commands.append(reading.last_command)
+        steps.append(step)
+        readings.append(reading)
+        states.append(drive.state)
+    return _record(drive, agent, seed, episode, readings, states, commands, steps)
+
+
+class _Commands:
+    """An agent that gives recorded commands, one after the other."""
+
+    privileged: frozenset[str] = frozenset()
+
+    def __init__(self, record: EpisodeRecord) -> None:
+        self.name, self._commands = record.agent, record.command
+
+    def reset(self, seed: int) -> None:
+        self._next = iter(self._commands)
+
+    def act(self, reading: Reading) -> Command:
+        speed, steering = next(self._next)
+        return Command(float(speed), float(steering))
+
+
+def replay_episode(drive: Drive, record: EpisodeRecord, world: World) -> EpisodeRecord:
+    """Drive a recorded episode's commands again, from the start that its seed gives.
+
+    Raises:
+        ZebratError: the outcome or a pose differs from the record: other versions, another robot or another world.
+    """
+    try:
+        again = run_episode(drive, _Commands(record), record.seed, record.episode, world)
+    except StopIteration:
+        again = None
+    if again is None or again.outcome != record.outcome or not np.array_equal(again.pose, record.pose):
+        raise ZebratError(
+            f"the replay of episode {record.episode} in {record.world} left the recorded path: the robot, the world or "
+            "a library version differs from when it was recorded"
+        )
+    return again
+
+
+def _with_privileges(reading: Reading, state: RobotState, agent: Agent) -> Reading:
+    return replace(reading, state=state) if "pose" in agent.privileged else reading
+
+
+def _record(
+    drive: Drive,
+    agent: Agent,
+    seed: int,
+    episode: int,
+    readings: list[Reading],
+    states: list[RobotState],
+    commands: list[Command],
+    steps: list[DriveStep],
+) -> EpisodeRecord:
+    outcome = steps[-1].outcome
+    assert outcome is not None
+    return EpisodeRecord(
+        world=drive.world.source or drive.world.name,
+        agent=agent.name,
+        seed=seed,
+        episode=episode,
+        caster=drive.config.lidar.caster,
+        outcome=str(outcome),
+        unseen_contact=states[-1].unseen_contact,
+        task=to_json(drive.config),
+        term_names=tuple(TERMS),
+        time_s=np.array([reading.time_s for reading in readings]),
+        pose=np.array([(s.pose.x, s.pose.y, s.pose.yaw) for s in states]),
+        speed_mps=np.array([s.speed_mps for s in states]),
+        steering_rad=np.array([s.steering_rad for s in states]),
+        knuckle_rad=np.array([s.knuckle_rad for s in states]),
+        wheel_rad=np.array([s.wheel_rad for s in states]),
+        command=np.array([(c.speed_mps, c.steering_rad) for c in commands]),
+        terms=np.array([list(step.terms.values()) for step in steps]),
+        reward=np.array([step.reward for step in steps]),
+        obs_m=np.array([reading.clearance.obs_m for reading in readings]),
+        range_m=drive.region.range_m,
+        scan_m=np.array([reading.scan.ranges_m for reading in readings]),
+    )

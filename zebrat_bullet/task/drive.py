@@ -1,0 +1,118 @@
+"""One episode at a time: where the car, its senses, the reward and the rules meet. Readings out, commands in."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import ActionError
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.lidar import Lidar
+from zebrat_bullet.sensing.safety_region import make_region
+from zebrat_bullet.sim.simulation import Simulation
+from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, start_pose
+from zebrat_bullet.task.rewards import RewardInput, check_weights, weighted_terms
+from zebrat_bullet.types import Command, Pose2, Reading, RobotState
+from zebrat_bullet.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStep:
+    """What came of one control step.
+
+    Attributes:
+        reading: what the car senses now.
+        reward: R of the paper; on the terminal step R_c or R_r alone.
+        terms: each weighted reward term by name, also on the terminal step, where they are not paid.
+        outcome: how the episode ended, None while it goes on.
+    """
+
+    reading: Reading
+    reward: float
+    terms: dict[str, float]
+    outcome: Outcome | None
+
+
+class Drive:
+    """The car in a world under a task: whatever drives it (a policy, a planner, a person) gets the same readings.
+
+    Args:
+        config: the task.
+        world: where the first episode takes place; `reset` may name another.
+
+    Raises:
+        ConfigError: the reward names an unknown term.
+        RobotError: the URDF lacks a role.
+    """
+
+    def __init__(self, config: TaskConfig, world: World) -> None:
+        check_weights(config.reward)
+        self.config = config
+        self.world = world
+        self.robot = load_robot(config.robot)
+        self.sim = Simulation(self.robot, config.physics)
+        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id)
+        self.region = make_region(self.robot, config.region, config.lidar.n_bearings)
+        self._rules = EpisodeRules(config.episode, self.robot)
+        self.state: RobotState
+
+    def reset(self, rng: np.random.Generator, world: World | None = None, pose: Pose2 | None = None) -> Reading:
+        """Begin an episode and return the first reading.
+
+        Args:
+            rng: draws the start pose and the lidar noise; the same generator state gives the same episode.
+            world: a new world, or None for the last one.
+            pose: an exact start pose, or None to draw one as the task says.
+        """
+        self.world = world or self.world
+        self.sim.set_world(self.world)
+        self.lidar.set_world(self.world)
+        (self._noise_rng,) = rng.spawn(1)
+        self.state = self.sim.reset(pose or self._draw_pose(rng))
+        self._rules.begin(self.world, self.state)
+        self._n_steps = 0
+        return self._read(Command(0.0, 0.0))
+
+    def step(self, command: Command) -> DriveStep:
+        """Drive one control step: command, physics, senses, end of episode, reward.
+
+        Raises:
+            ActionError: the command is not finite; nothing was simulated.
+        """
+        command = self._clipped(command)
+        self.state = self.sim.step(command)
+        self._n_steps += 1
+        reading = self._read(command)
+        outcome = self._rules.judge(self.state, reading.scan, reading.clearance)
+        step = RewardInput(reading.clearance, self.region, self.state.speed_mps, command, self.config.reward)
+        terms = weighted_terms(step)
+        return DriveStep(reading, self._reward(terms, outcome), terms, outcome)
+
+    def close(self) -> None:
+        """Release the physics server; a second call does nothing."""
+        self.sim.close()
+
+    def _draw_pose(self, rng: np.random.Generator) -> Pose2:
+        if self.config.episode.start == "anywhere":
+            return anywhere_pose(self.world, self.robot, rng)
+        return start_pose(self.world, rng)
+
+    def _clipped(self, command: Command) -> Command:
+        if not (math.isfinite(command.speed_mps) and math.isfinite(command.steering_rad)):
+            raise ActionError(f"a command must be finite, got {command}; it was not simulated")
+        speed, steering = self.config.physics.max_speed_mps, self.config.physics.max_steering_rad
+        return Command(min(max(command.speed_mps, -speed), speed), min(max(command.steering_rad, -steering), steering))
+
+    def _read(self, command: Command) -> Reading:
+        scan = self.lidar.scan(self.state, self._noise_rng)
+        clearance = self.region.measure(scan)
+        time_s = self._n_steps * self.config.physics.control_step_s
+        return Reading(scan, clearance, command, self.state.speed_mps, time_s)
+
+    def _reward(self, terms: dict[str, float], outcome: Outcome | None) -> float:
+        if outcome is Outcome.COLLISION:
+            return self.config.reward.collision
+        if outcome in (Outcome.SUCCESS, Outcome.FALSE_EXIT):
+            return self.config.reward.success
+        return sum(terms.values())

@@ -1,0 +1,88 @@
+"""The reward, a pure function a term (paper, eq. 3-8). To add a term: write one function and name it in TERMS.
+
+Which terms count, and how much, is `RewardConfig.weights`; every term, weighted, appears in the environment's `info`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.config import RewardConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.sensing.safety_region import SafetyRegion
+from zebrat_bullet.types import Clearance, Command
+
+N_FORWARD_RAYS = 6
+N_OBSTACLE_RAYS = 13
+N_MIDDLE_RAYS = 6
+MIN_GAP_M = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class RewardInput:
+    """What a term may look at: the step's clearance, the region's named bearings, measured speed and the command."""
+
+    clearance: Clearance
+    region: SafetyRegion
+    speed_mps: float
+    command: Command
+    config: RewardConfig
+
+
+def _discounts(n: int, discount: float) -> NDArray[np.float64]:
+    return discount ** np.arange(n)
+
+
+def forward_term(step: RewardInput) -> float:
+    """F: forward speed times the free ranges ahead (eq. 4); v is measured, so pushing a wall earns nothing."""
+    obs, front = step.clearance.obs_m, step.region.front
+    k = np.arange(N_FORWARD_RAYS)
+    ahead = obs[(front + k) % len(obs)] + obs[(front - k) % len(obs)]
+    return float(step.speed_mps * (_discounts(N_FORWARD_RAYS, step.config.discount) @ ahead))
+
+
+def obstacle_term(step: RewardInput) -> float:
+    """O: logarithm of the 13 smallest gaps between outline and obstacles, the smallest weighted most (eq. 5)."""
+    gaps = np.sort(step.clearance.obs_m - step.clearance.range_m)[:N_OBSTACLE_RAYS]
+    logs = np.log(np.maximum(gaps, MIN_GAP_M)) / np.log(step.config.log_base)
+    return float(_discounts(len(logs), step.config.discount) @ logs)
+
+
+def middle_term(step: RewardInput) -> float:
+    """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6)."""
+    obs = step.clearance.obs_m
+    k = np.arange(N_MIDDLE_RAYS)
+    difference = np.abs(obs[(step.region.right - k) % len(obs)] - obs[(step.region.left + k) % len(obs)])
+    return float(-_discounts(N_MIDDLE_RAYS, step.config.discount) @ difference)
+
+
+def time_term(step: RewardInput) -> float:
+    """T: minus one for every step (eq. 7)."""
+    return -1.0
+
+
+TERMS: dict[str, Callable[[RewardInput], float]] = {
+    "F": forward_term,
+    "O": obstacle_term,
+    "M": middle_term,
+    "T": time_term,
+}
+
+
+def check_weights(config: RewardConfig) -> None:
+    """Refuse weights of terms that do not exist.
+
+    Raises:
+        ConfigError: names the unknown term and lists the valid ones.
+    """
+    unknown = sorted(set(config.weights) - set(TERMS))
+    if unknown:
+        raise ConfigError(f"unknown reward term {unknown[0]!r}; valid terms are: {', '.join(TERMS)}")
+
+
+def weighted_terms(step: RewardInput) -> dict[str, float]:
+    """Return each weighted term of this step by name; a term that is switched off is 0."""
+    weights = step.config.weights
+    return {name: weights[name] * term(step) if weights.get(name) else 0.0 for name, term in TERMS.items()}
