@@ -1,0 +1,98 @@
+"""The physics of one car in one world, stepped a command at a time."""
+
+from functools import partial
+
+import numpy as np
+import pybullet
+import shapely
+
+from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
+from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, Car
+from zebrat_bullet.sim.client import open_client
+from zebrat_bullet.types import Command, Pose2, RobotState
+from zebrat_bullet.world.world import World
+
+_NO_BODY = -1
+_LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
+
+
+class Simulation:
+    """A physics client of its own with a floor, the car, and the walls of the current world.
+
+    Attributes:
+        client_id: PyBullet's physicsClientId, for a ray caster on the same client.
+        car_id, floor_id, walls_id: body ids; `walls_id` is -1 while there are no walls.
+    """
+
+    def __init__(self, robot: RobotModel, physics: PhysicsConfig) -> None:
+        check_limits(robot, physics)
+        self._robot = robot
+        self._physics = physics
+        self._client = open_client(physics)
+        self.client_id: int = self._client._client
+        self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR)
+        self._car = Car(self._client, robot)
+        self.car_id = self._car.body_id
+        self.walls_id = _NO_BODY
+        self._world: World | None = None
+        self._step_physics = partial(pybullet.stepSimulation, physicsClientId=self.client_id)
+
+    def _static_body(self, shape_type: int, group: int, **shape: object) -> int:
+        shape_id = self._client.createCollisionShape(shape_type, **shape)
+        body_id = self._client.createMultiBody(0.0, shape_id)
+        self._client.setCollisionFilterGroupMask(body_id, -1, group, -1)
+        self._client.changeDynamics(body_id, -1, lateralFriction=1.0)
+        return body_id
+
+    def set_world(self, world: World) -> None:
+        """Put the walls of `world` in place of those before; nothing to do when it is the same object."""
+        if world is self._world:
+            return
+        if self.walls_id != _NO_BODY:
+            self._client.removeBody(self.walls_id)
+            self.walls_id = _NO_BODY
+        if len(world.mesh.faces):
+            self.walls_id = self._static_body(
+                pybullet.GEOM_MESH,
+                GROUP_WALLS,
+                vertices=world.mesh.vertices.tolist(),
+                indices=world.mesh.faces.ravel().tolist(),
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+            )
+        self._world = world
+
+    def reset(self, pose: Pose2) -> RobotState:
+        """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace."""
+        self._car.reset(pose)
+        self._car.drive(wheel_targets(Command(0.0, 0.0), self._robot))
+        return self._car.read(contact=False, unseen_contact=False)
+
+    def step(self, command: Command) -> RobotState:
+        """Drive one control step; the command is clipped to the limits.
+
+        Raises:
+            ActionError: the command is not finite; nothing was simulated.
+            SimulationError: the physics produced a number that is not finite.
+        """
+        self._car.drive(wheel_targets(clip_command(command, self._physics), self._robot))
+        step_physics, contact_points = self._step_physics, pybullet.getContactPoints
+        car, walls, client = self.car_id, self.walls_id, self.client_id
+        touches: list[tuple] = []
+        for _ in range(self._physics.n_substeps):
+            step_physics()
+            if walls != _NO_BODY:
+                touches += contact_points(car, walls, physicsClientId=client)
+        return self._car.read(bool(touches), self._touches_low_obstacle(touches))
+
+    def _touches_low_obstacle(self, touches: list[tuple]) -> bool:
+        if not touches or self._world is None or self._world.low_obstacles.is_empty:
+            return False
+        points_world = np.array([touch[6][:2] for touch in touches])
+        return bool((shapely.distance(shapely.points(points_world), self._world.low_obstacles) < _LOW_TOUCH_M).any())
+
+    def close(self) -> None:
+        """Free the physics client; the simulation is of no use afterwards. May be called twice."""
+        if self._client._client >= 0:
+            self._client.disconnect()
