@@ -1,0 +1,79 @@
+"""The car as its URDF paints it: one actor for each link that moves on its own."""
+
+import numpy as np
+import trimesh
+import yourdfpy
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkPolyData
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+from vtkmodules.vtkRenderingCore import vtkActor
+
+from zebrat_bullet.geometry import rotation_2d
+from zebrat_bullet.render.polydata import lit_actor, triangles
+from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
+from zebrat_bullet.types import Pose2
+
+_CREASE_RAD = np.radians(35.0)  # flatter edges are shaded smooth
+
+
+class Car:
+    """The car's actors, posed by planar pose, hinge angles and wheel angles.
+
+    Attributes:
+        actors: what to add to a renderer.
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._urdf = yourdfpy.URDF.load(str(robot.urdf_path))
+        self._links = {name: lit_actor(mesh) for name, mesh in _link_meshes(self._urdf).items()}
+
+    @property
+    def actors(self) -> list[vtkActor]:
+        return list(self._links.values())
+
+    def place(self, pose: Pose2, knuckle_rad: NDArray[np.float64], wheel_rad: NDArray[np.float64]) -> None:
+        """Move all actors: base at `pose`, hinges (2,) left, right; wheels (4,) rear to front, left first."""
+        angles = np.concatenate([knuckle_rad, wheel_rad])
+        self._urdf.update_cfg(dict(zip((*STEERING_JOINTS, *WHEEL_JOINTS), angles, strict=True)))
+        world_from_base = _planar(pose)
+        for link, actor in self._links.items():
+            matrix = vtkMatrix4x4()
+            matrix.DeepCopy((world_from_base @ self._urdf.get_transform(link)).ravel())
+            actor.SetUserMatrix(matrix)
+
+
+def _planar(pose: Pose2) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:2, :2] = rotation_2d(pose.yaw)
+    matrix[:2, 3] = pose.x, pose.y
+    return matrix
+
+
+def _link_meshes(urdf: yourdfpy.URDF) -> dict[str, vtkPolyData]:
+    """Return link name to poly data in that link's frame; links fixed to another are painted with it."""
+    graph, moving = urdf.scene.graph, {j.child for j in urdf.robot.joints if j.type != "fixed"}
+    parts: dict[str, list[trimesh.Trimesh]] = {}
+    for node in graph.nodes_geometry:
+        link = node
+        while link not in moving and link != urdf.base_link:
+            link = graph.transforms.parents[link]
+        transform, geometry = graph.get(frame_to=node, frame_from=link)
+        parts.setdefault(link, []).append(_shaded(urdf.scene.geometry[geometry]).apply_transform(transform))
+    return {link: _merged(meshes) for link, meshes in parts.items()}
+
+
+def _shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a copy with vertices doubled along creases, so that normals are smooth on wheels and sharp on boxes."""
+    visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
+    copy = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=visual.vertex_colors, process=False)
+    return trimesh.graph.smooth_shade(copy, angle=_CREASE_RAD)
+
+
+def _merged(meshes: list[trimesh.Trimesh]) -> vtkPolyData:
+    starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    return triangles(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
+        np.concatenate([m.vertex_normals for m in meshes]),
+        np.concatenate([m.visual.vertex_colors[:, :3] for m in meshes]),
+    )
