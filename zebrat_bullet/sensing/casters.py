@@ -1,0 +1,50 @@
+"""One interface for the two ray casters."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.world.world import World
+
+
+class RayCaster(Protocol):
+    """Casts a fixed set of beams from any pose, against the walls of a world and the floor z = 0."""
+
+    def set_world(self, world: World) -> None:
+        """Cast against this world from now on."""
+
+    def cast(self, origin_world: NDArray[np.float64], rotation_world: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the (N,) range in m of each beam; exactly the reach of the lidar where there was no return.
+
+        Args:
+            origin_world: (3,) position of the lidar in m.
+            rotation_world: (3, 3) turns vectors of the lidar frame into the world frame.
+        """
+
+    def trace(self) -> object:
+        """Repeat the library's own call for the beams as `cast` last aimed them, the bare cast of a benchmark."""
+
+
+def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, client_id: int | None) -> RayCaster:
+    """Return the caster called "bullet" or "embree"; each library is loaded only when it is asked for.
+
+    Args:
+        name: which one.
+        directions: (N, 3) unit vectors in the lidar frame.
+        range_max_m: reach of the lidar.
+        client_id: PyBullet client of the simulation that holds walls and floor; needed by "bullet" alone.
+
+    Raises:
+        ConfigError: "bullet" was asked for without a client.
+    """
+    if name == "embree":
+        from zebrat_bullet.sensing.embree_caster import EmbreeCaster
+
+        return EmbreeCaster(directions, range_max_m)
+    if client_id is None:
+        raise ConfigError("caster 'bullet' casts in a simulation's client, got None; pass client_id or use 'embree'")
+    from zebrat_bullet.sensing.bullet_caster import BulletCaster
+
+    return BulletCaster(directions, range_max_m, client_id)
