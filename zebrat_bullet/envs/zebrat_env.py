@@ -79,16 +79,21 @@ class ZebratEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin the next episode; options may hold `pose` (a Pose2) and `world` (an index into the worlds)."""
+        """Begin the next episode of the seed.
+
+        Args:
+            seed: begin again with this seed; None goes on with the last one.
+            options: `episode`, the number of the episode to begin instead of the next; `pose`, an exact start Pose2.
+        """
         super().reset(seed=seed)
         if seed is not None or self._seed is None:
             self._seed = seed if seed is not None else int(self.np_random.integers(2**31))
             self._n_episodes = 0
+        options = options or {}
+        self._n_episodes = options.get("episode", self._n_episodes)
         rng = np.random.default_rng([self._seed, self._n_episodes])
         self._n_episodes += 1
-        options = options or {}
-        index = int(rng.integers(len(self._worlds))) if len(self._worlds) > 1 else 0
-        world = self._worlds[options.get("world", index)]
+        world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
         reading = self.drive.reset(rng, world, options.get("pose"))
         self._reading, self._path = reading, [self.drive.state.pose]
         return self.spec_observation.encode(reading), {"world": world.name, "pose": self.drive.state.pose}
@@ -120,13 +125,9 @@ class ZebratEnv(gymnasium.Env):
             self._renderer = Renderer(self.drive.robot, self.drive.world, *RENDER_SIZE)
         return self._renderer.frame(live_frame(self.drive, self._reading, self._path))
 
-    def skip_to_episode(self, seed: int, n_episodes: int) -> None:
-        """Make the next reset begin episode number `n_episodes` of `seed`, as if those before had been driven."""
-        self._seed, self._n_episodes = seed, n_episodes
-
     @property
     def n_episodes(self) -> int:
-        """Episodes begun since the last seeding, the present one included."""
+        """Episodes of the seed begun so far, the present one included."""
         return self._n_episodes
 
     def close(self) -> None:

@@ -1,0 +1,126 @@
+"""DDPG as the paper trains it, on Stable-Baselines3: two learning rates, and exploration by epsilon in episodes."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import DDPG
+from stable_baselines3.common.buffers import NStepReplayBuffer
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+
+from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.training.presets import TrainConfig
+
+
+class PaperDDPG(DDPG):
+    """SB3's DDPG with the exploration and the two learning rates of the authors' code.
+
+    With probability epsilon, falling linearly to 0 over the run's episodes, the action is uniformly random; else it is
+    the policy's with Gaussian noise of `sigma`.
+    """
+
+    def __init__(
+        self,
+        *args: Any,
+        actor_lr: float = 1e-4,
+        critic_lr: float = 2e-4,
+        epsilon: float = 0.8,
+        sigma: float = 0.1,
+        n_episodes: int = 1000,
+        **kwargs: Any,
+    ) -> None:
+        self.actor_lr, self.critic_lr = actor_lr, critic_lr
+        self.epsilon_start, self.sigma, self.n_episodes = epsilon, sigma, n_episodes
+        self.rng = np.random.default_rng(kwargs.get("seed"))
+        super().__init__(*args, **kwargs)
+
+    @property
+    def epsilon(self) -> float:
+        """Probability of a random action now."""
+        return self.epsilon_start * max(0.0, 1.0 - self._episode_num / self.n_episodes)
+
+    def _update_learning_rate(self, optimizers: Any) -> None:
+        """Give actor and critic each its own rate, where SB3 gives both the same."""
+        for optimizer, rate in ((self.actor.optimizer, self.actor_lr), (self.critic.optimizer, self.critic_lr)):
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Explore; the action space is [-1, 1], so the action and what the buffer stores are the same."""
+        uniform = self.rng.uniform(-1.0, 1.0, (n_envs, 2))
+        if self.num_timesteps < learning_starts:
+            action = uniform
+        else:
+            policy, _ = self.predict(self._last_obs, deterministic=True)
+            noisy = np.clip(policy + self.rng.normal(0.0, self.sigma, policy.shape), -1.0, 1.0)
+            explore = self.rng.random((n_envs, 1)) < self.epsilon
+            action = np.where(explore, uniform, noisy)
+        return action.astype(np.float32), action.astype(np.float32)
+
+
+class MirrorReplayBuffer(NStepReplayBuffer):
+    """Replay whose samples are, each with probability one half, mirrored left to right; scales the reward too."""
+
+    def __init__(
+        self, *args: Any, observation: ObservationSpec, mirror: bool, reward_scale: float, **kwargs: Any
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self.reward_scale = reward_scale
+        self.mirror = mirror
+        n = observation.n_rays
+        index = np.arange(observation.size)
+        index[:n] = (-index[:n]) % n
+        sign = np.ones(observation.size, dtype=np.float32)
+        sign[-1] = -1.0
+        self._index, self._sign = torch.from_numpy(index), torch.from_numpy(sign)
+        self._action_sign = torch.tensor([1.0, -1.0])
+
+    def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
+        samples = super()._get_samples(batch_inds, env)
+        half = len(batch_inds) // 2 if self.mirror else 0  # indices are drawn at random, so the first half is random
+        for observations in (samples.observations, samples.next_observations):
+            observations[:half] = observations[:half][:, self._index] * self._sign
+        samples.actions[:half] *= self._action_sign
+        return samples._replace(rewards=samples.rewards * self.reward_scale)
+
+
+def build_ddpg(config: TrainConfig, env: Any, observation: ObservationSpec) -> PaperDDPG:
+    """Return an untrained learner for a vectorised environment."""
+    return PaperDDPG(
+        "MlpPolicy",
+        env,
+        actor_lr=config.actor_lr,
+        critic_lr=config.critic_lr,
+        epsilon=config.epsilon,
+        sigma=config.sigma,
+        n_episodes=config.episodes,
+        buffer_size=config.buffer_size,
+        replay_buffer_class=MirrorReplayBuffer,
+        replay_buffer_kwargs={
+            "observation": observation,
+            "mirror": config.mirror,
+            "reward_scale": config.reward_scale,
+            "n_steps": config.n_step,
+            "gamma": config.gamma,
+        },
+        learning_starts=config.warmup_steps,
+        batch_size=config.batch_size,
+        gamma=config.gamma,
+        tau=config.tau,
+        train_freq=1,
+        gradient_steps=-1,
+        policy_kwargs={"net_arch": list(config.hidden), "optimizer_kwargs": {"fused": config.fused_adam}},
+        seed=config.seed,
+        device="cpu",
+    )
+
+
+def actor_to_agent(model: DDPG, name: str, observation: ObservationSpec, provenance: dict[str, object]) -> PolicyAgent:
+    """Return the actor as a policy that runs without torch."""
+    linear = [module for module in model.actor.mu if isinstance(module, torch.nn.Linear)]
+    layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
+    return PolicyAgent(name, layers, observation, provenance)

@@ -1,0 +1,45 @@
+"""The run folder's tables: one CSV row an episode and one an evaluation; cut back when a run resumes."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+EPISODE_COLUMNS = (
+    "episode", "total_steps", "wall_s", "env", "world", "outcome", "return", "steps", "epsilon",
+)  # fmt: skip
+EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "best")
+
+
+class CsvLog:
+    """A CSV file that grows by a row at a time and survives a kill.
+
+    Args:
+        path: the file; a header is written when it is new.
+        columns: names of the columns.
+    """
+
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        self._path, self._columns = path, columns
+        if not path.exists():
+            self._write("w", [])
+
+    def append(self, row: dict[str, Any]) -> None:
+        """Add a row; it is on disk when this returns."""
+        self._write("a", [row])
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return every row as strings by column."""
+        with self._path.open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    def cut_after(self, episode: int) -> None:
+        """Drop the rows of episodes after `episode`, which a resumed run drives again."""
+        kept = [row for row in self.rows() if int(row["episode"]) <= episode]
+        self._write("w", kept)
+
+    def _write(self, mode: str, rows: list[dict[str, Any]]) -> None:
+        with self._path.open(mode, newline="") as file:
+            writer = csv.DictWriter(file, self._columns)
+            if mode == "w":
+                writer.writeheader()
+            writer.writerows(rows)

@@ -1,0 +1,103 @@
+"""Training settings: the paper's, and those of the shipped policy; vary one by `dataclasses.replace`."""
+
+from dataclasses import dataclass, field
+
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
+from zebrat_bullet.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run; the defaults are the paper's DDPG (III-C, IV-B, and the authors' code).
+
+    Attributes:
+        worlds: worlds of the training episodes, by name or file; each episode draws one.
+        n_generated: so many generated tracks join them.
+        episodes: length of the run.
+        max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
+        seed: of networks, exploration, generated tracks and start poses.
+        n_envs: environments stepped side by side; each adds one transition and one gradient step.
+        hidden: units of each hidden layer.
+        actor_lr, critic_lr: learning rates.
+        buffer_size, batch_size, gamma, tau: replay and targets.
+        n_step: rewards summed before the critic bootstraps.
+        warmup_steps: uniformly random steps before the first update.
+        epsilon: probability of a uniformly random action at the start; falls linearly to 0 at the last episode.
+        sigma: Gaussian noise on the action otherwise, as a fraction of the limits.
+        mirror: half of each batch is seen left-right mirrored (the car and its reward are symmetric).
+        reward_scale: factor on the reward the learner sees; logs and records keep the paper's.
+        matmul_precision: torch's float32 setting; "medium" computes products in bfloat16.
+        fused_adam: torch's fused optimizer.
+        threads: torch threads.
+        eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world.
+        eval_worlds: where; empty for the training worlds' first.
+        n_generated_eval: so many generated tracks, never trained on, join them.
+        checkpoint_every: episodes between checkpoints, the most a killed run loses.
+        task: the task driven.
+    """
+
+    worlds: tuple[str, ...] = ("big_track",)
+    n_generated: int = 0
+    episodes: int = 1000
+    max_minutes: float | None = None
+    seed: int = 0
+    n_envs: int = 1
+    hidden: tuple[int, ...] = (512, 512)
+    actor_lr: float = 1e-4
+    critic_lr: float = 2e-4
+    buffer_size: int = 200_000
+    batch_size: int = 64
+    gamma: float = 0.99
+    tau: float = 0.005
+    n_step: int = 1
+    warmup_steps: int = 200
+    epsilon: float = 0.8
+    sigma: float = 0.1
+    mirror: bool = False
+    reward_scale: float = 1.0
+    matmul_precision: str = "highest"
+    fused_adam: bool = False
+    threads: int = 1
+    eval_every: int = 20
+    eval_episodes: int = 4
+    eval_worlds: tuple[str, ...] = ()
+    n_generated_eval: int = 0
+    checkpoint_every: int = 50
+    task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
+
+    def __post_init__(self) -> None:
+        counts = ("episodes", "n_envs", "batch_size", "buffer_size", "n_step", "threads", "eval_every", "eval_episodes")
+        for name in (*counts, "checkpoint_every"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not self.worlds and not self.n_generated:
+            raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
+        for name in ("epsilon", "gamma", "tau"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+        if self.matmul_precision not in ("highest", "high", "medium"):
+            raise ConfigError(f"matmul_precision must be highest, high or medium, got {self.matmul_precision!r}")
+        if self.warmup_steps < self.batch_size and self.warmup_steps < 1:
+            raise ConfigError(f"warmup_steps must be at least 1, got {self.warmup_steps}")
+
+
+TRAIN_PRESETS = {
+    "paper": TrainConfig(),
+    "general": TrainConfig(
+        worlds=("big_track",) * 10,
+        n_generated=200,
+        episodes=4000,
+        actor_lr=3e-4,
+        critic_lr=1e-3,
+        batch_size=128,
+        epsilon=0.3,
+        mirror=True,
+        matmul_precision="medium",
+        fused_adam=True,
+        eval_every=100,
+        eval_episodes=1,
+        eval_worlds=("big_track",),
+        n_generated_eval=20,
+        task=TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(start="anywhere")),
+    ),
+}

@@ -1,0 +1,107 @@
+"""One training run, from its settings to its folder: config, versions, episode log, best and last policy."""
+
+import json
+import platform
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from zebrat_bullet.config import TaskConfig, from_json, to_json
+from zebrat_bullet.envs.zebrat_env import ZebratEnv
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.callbacks import Progress, RunCallback
+from zebrat_bullet.training.checkpoint import load_checkpoint
+from zebrat_bullet.training.ddpg import build_ddpg
+from zebrat_bullet.training.presets import TrainConfig
+from zebrat_bullet.world import World, generate_track, load_world
+
+STEPS_WITHOUT_END = 10**9
+VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
+
+
+def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
+    """Train from the beginning.
+
+    Args:
+        config: the run.
+        folder: where its results go; must not hold another run.
+        on_progress: told after every episode.
+
+    Raises:
+        ConfigError: the folder holds a run already.
+    """
+    if (folder / "config.json").exists():
+        raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.json").write_text(to_json(config))
+    (folder / "versions.json").write_text(json.dumps(_versions(), indent=2))
+    _run(config, folder, on_progress, resume=False)
+
+
+def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
+    """Continue a killed run from its last checkpoint; its settings are read from its folder.
+
+    Raises:
+        ConfigError: the folder holds no run.
+        ZebratError: it was killed before its first checkpoint.
+    """
+    if not (folder / "config.json").is_file():
+        raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
+    _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
+
+
+def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
+    torch.set_num_threads(config.threads)
+    torch.set_float32_matmul_precision(config.matmul_precision)
+    eval_worlds, train_worlds = _worlds(config)
+    envs = [ZebratEnv(train_worlds, task=config.task) for _ in range(config.n_envs)]
+    vec_env = DummyVecEnv([lambda env=env: Monitor(env) for env in envs])
+    observation = envs[0].spec_observation
+    judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
+    if resume:
+        model, state = load_checkpoint(folder / "checkpoint", vec_env)
+        vec_env.set_options([{"episode": n - 1} for n in state["begun"]])
+    else:
+        model, state = build_ddpg(config, vec_env, observation), {}
+    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+    provenance = {"config": json.loads(to_json(config))} | _versions()
+    callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
+    try:
+        if state.get("episode", 0) < config.episodes:
+            model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
+    finally:
+        vec_env.close()
+        judge.close()
+
+
+def _worlds(config: TrainConfig) -> tuple[list[World], list[World]]:
+    """Return the worlds for evaluation and for training; the generated ones never overlap."""
+    rng_train, rng_eval = np.random.default_rng(config.seed).spawn(2)
+    shipped = {name: load_world(name) for name in {*config.worlds, *config.eval_worlds}}
+    train_worlds = [shipped[name] for name in config.worlds]
+    train_worlds += [generate_track(rng_train) for _ in range(config.n_generated)]
+    eval_worlds = [shipped[name] for name in config.eval_worlds]
+    eval_worlds += [generate_track(rng_eval) for _ in range(config.n_generated_eval)]
+    return eval_worlds or train_worlds[:1], train_worlds
+
+
+def _from_the_start(task: TaskConfig) -> TaskConfig:
+    return replace(task, episode=replace(task.episode, start="start"))
+
+
+def _versions() -> dict[str, object]:
+    here = Path(__file__).parent
+    git = subprocess.run(["git", "-C", here, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
+    return {
+        "versions": {name: version(name) for name in VERSIONED},
+        "python": platform.python_version(),
+        "git": git.stdout.strip() or None,
+    }
