@@ -46,6 +46,7 @@ class World:
         open_line: (2, 2) float64, end points of the line where open space begins, ordered so that open space lies to
             the right when going from the first to the second; None where the world declares no exit.
         max_steps: overrides the time-out of the task, or None.
+        source: what `load_world` was given: a shipped name or a path; empty for a world made in memory.
     """
 
     name: str
@@ -60,10 +61,15 @@ class World:
     waypoints: NDArray[np.float64]
     open_line: NDArray[np.float64] | None
     max_steps: int | None = None
+    source: str = ""
 
     def past_open_line(self, x: float, y: float) -> bool:
-        """Return whether a world point lies past the line where open space begins."""
+        """Return whether a world point lies past the line where open space begins.
+
+        The track may turn back, so a point inside the passage is never past the line, on whichever side it lies.
+        """
         if self.open_line is None:
             return False
         (ax, ay), (bx, by) = self.open_line
-        return (bx - ax) * (y - ay) - (by - ay) * (x - ax) < 0.0
+        beyond = (bx - ax) * (y - ay) - (by - ay) * (x - ax) < 0.0
+        return bool(beyond and not shapely.intersects_xy(self.free_space, x, y))

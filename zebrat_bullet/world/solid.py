@@ -1,0 +1,71 @@
+"""Upright solids: outlines extruded to watertight triangle meshes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mapbox_earcut
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.world.world import Mesh
+
+
+@dataclass(frozen=True)
+class Solid:
+    """An upright prism: its outline, and the heights of its lower and upper face in m."""
+
+    outline: shapely.Polygon
+    bottom_m: float
+    top_m: float
+    low: bool = False
+
+
+def extrude(outline: shapely.Polygon, bottom_m: float, top_m: float) -> Mesh:
+    """Return the closed prism over a polygon (holes allowed), faces outward."""
+    outline = shapely.geometry.polygon.orient(outline)
+    rings = [np.array(ring.coords)[:-1] for ring in (outline.exterior, *outline.interiors)]
+    points = np.concatenate(rings)
+    n = len(points)
+    ends = np.cumsum([len(ring) for ring in rings])
+    caps = mapbox_earcut.triangulate_float64(points, ends.astype(np.uint32)).reshape(-1, 3).astype(np.int64)
+    a, b, c = (points[caps[:, k]] for k in range(3))
+    clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0
+    caps[clockwise] = caps[clockwise][:, ::-1]
+    here = np.arange(n)
+    following = here + 1
+    following[ends - 1] = np.concatenate([[0], ends[:-1]])
+    sides = np.concatenate(
+        [np.stack([here, following, following + n], axis=1), np.stack([here, following + n, here + n], axis=1)]
+    )
+    vertices = np.concatenate([np.column_stack([points, np.full(n, z)]) for z in (bottom_m, top_m)])
+    return Mesh(vertices, np.concatenate([caps[:, ::-1], caps + n, sides]).astype(np.int32))
+
+
+def join(meshes: Iterable[Mesh]) -> Mesh:
+    """Return one mesh of all given bodies; nothing is merged, so closed bodies stay closed."""
+    vertices, faces, offset = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int32)], 0
+    for mesh in meshes:
+        vertices.append(mesh.vertices)
+        faces.append(mesh.faces + np.int32(offset))
+        offset += len(mesh.vertices)
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def is_watertight(mesh: Mesh) -> bool:
+    """Return whether every edge has exactly one neighbour running the other way, and the bodies face outward."""
+    if len(mesh.faces) == 0:
+        return False
+    faces = mesh.faces.astype(np.int64)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    n = len(mesh.vertices)
+    there = np.sort(edges[:, 0] * n + edges[:, 1])
+    back = np.sort(edges[:, 1] * n + edges[:, 0])
+    closed = bool((np.diff(there) > 0).all()) and bool((there == back).all())
+    a, b, c = (mesh.vertices[faces[:, k]] for k in range(3))
+    return closed and float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0
+
+
+def polygons_of(shape: shapely.Geometry) -> list[shapely.Polygon]:
+    """Return the polygons in any geometry, slivers under 1 square millimetre left out."""
+    return [part for part in shapely.get_parts(shape).tolist() if part.geom_type == "Polygon" and part.area > 1e-6]

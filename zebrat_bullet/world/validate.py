@@ -1,0 +1,178 @@
+"""Refuses worlds that cannot be driven, or in which the car would believe itself outside too early."""
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.errors import WorldError
+from zebrat_bullet.geometry import to_world
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.solid import is_watertight
+from zebrat_bullet.world.world import Start, World
+
+OPEN_WIDTH_M = 8.0
+SCAN_RANGE_M = 6.0
+# The rule must hold while the car looks this far to either side of its path ...
+_LOOK_ASIDE_RAD = np.radians(np.arange(-45.0, 45.1, 5.0))
+# ... and must fire before the lidar is this far past the line.
+_FIRE_WITHIN_M = 1.0
+_CHUNK = 40
+
+
+def validate_world(world: World, robot: RobotModel, source: str) -> None:
+    """Check that the robot can start in a world, pass through it, and know when it is out.
+
+    Args:
+        world: what was built.
+        robot: its footprint must pass; its lidar watches for open space.
+        source: the file, for the message.
+
+    Raises:
+        WorldError: names the file, the field and the remedy.
+    """
+    if not is_watertight(world.mesh):
+        raise WorldError(
+            f"{source}: mesh: not watertight, so a ray could pass through a wall; close its holes, merge double "
+            "vertices and make all faces point outward (in Blender: Merge by Distance, Fill Holes, Recalculate Normals)"
+        )
+    _check_start(world, robot, source)
+    if len(world.centre_line):
+        _check_passage(world, robot, source)
+    if len(world.centre_line) and world.open_line is not None:
+        _check_open_space(world, robot, source)
+
+
+def start_area(start: Start, footprint_base: NDArray[np.float64]) -> shapely.Polygon:
+    """Return the ground that a (K, 2) footprint can cover at any pose of a start's random range."""
+    pose, rx, ry = start.pose, start.range_x_m, start.range_y_m
+    shifts = np.array([[sx * rx, sy * ry] for sx in (-1, 1) for sy in (-1, 1)])
+    hulls = []
+    for turn in np.linspace(-start.range_yaw_rad, start.range_yaw_rad, 5):
+        turned = to_world(footprint_base, Pose2(0.0, 0.0, float(turn)))
+        moved = (turned[None] + shifts[:, None]).reshape(-1, 2)
+        hulls.append(shapely.MultiPoint(to_world(moved, pose)).convex_hull)
+    return shapely.union_all(hulls)
+
+
+def _check_start(world: World, robot: RobotModel, source: str) -> None:
+    area = start_area(world.start, robot.footprint_base)
+    if area.intersects(world.walls) or not world.free_space.buffer(1e-6).contains(area):
+        pose = world.start.pose
+        raise WorldError(
+            f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands in a wall or outside the free space for "
+            "some pose of its random range; move the start or make start.range_x_m, range_y_m, range_yaw_rad smaller"
+        )
+
+
+def _check_passage(world: World, robot: RobotModel, source: str) -> None:
+    car_width = float(np.ptp(robot.footprint_base[:, 1]))
+    narrow = int(np.argmin(world.widths_m))
+    width = float(world.widths_m[narrow])
+    x, y = world.centre_line[narrow]
+    if width <= car_width:
+        raise WorldError(
+            f"{source}: width: the passage at ({x:.2f}, {y:.2f}) is {width:.2f} m wide and the car {car_width:.2f} m; "
+            "widen that segment or move the obstacle there"
+        )
+    room = shapely.get_parts(world.free_space.buffer(-car_width / 2))
+    begin = world.start.pose
+    near_start = shapely.Point(begin.x, begin.y).buffer(car_width)
+    way_out = shapely.LineString(world.open_line).buffer(car_width) if world.open_line is not None else near_start
+    if not any(part.intersects(near_start) and part.intersects(way_out) for part in room):
+        raise WorldError(
+            f"{source}: width: somewhere between start and open_line the passage is narrower than the car "
+            f"({car_width:.2f} m); widen it or move an obstacle"
+        )
+
+
+def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
+    seen = shapely.difference(world.walls, world.low_obstacles) if len(world.low_obstacles.geoms) else world.walls
+    segments = wall_segments(seen)
+    ahead_m = float(robot.lidar_xyz_base[0])
+    early = _first_early(world, segments, ahead_m)
+    if early is not None:
+        raise WorldError(
+            f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
+            f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls or make the passage narrower there"
+        )
+    exit_yaw = _headings(world.centre_line)[-1]
+    out = np.array([math.cos(exit_yaw), math.sin(exit_yaw)])
+    lidar = world.open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
+    if not (open_width(lidar, np.full(20, exit_yaw), segments) > OPEN_WIDTH_M).any():
+        raise WorldError(
+            f"{source}: open_line: within {_FIRE_WITHIN_M} m past the line left + right stays under {OPEN_WIDTH_M} m, "
+            "so no car would know that it is out; move walls and obstacles away from the exit"
+        )
+
+
+def _first_early(world: World, segments: NDArray[np.float64], ahead_m: float) -> NDArray[np.float64] | None:
+    """Return a lidar position before the open-space line where open space is seen, or None."""
+    line = world.centre_line
+    yaws = _headings(line)[:, None] + _LOOK_ASIDE_RAD
+    lidar = line[:, None] + ahead_m * np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
+    shapely.prepare(world.free_space)
+    inside = shapely.contains_xy(world.free_space, lidar[..., 0], lidar[..., 1])
+    for begin in range(0, len(line), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        at, yaw = lidar[part][inside[part]], yaws[part][inside[part]]
+        if not len(at):
+            continue
+        # Both sides must be free for the sum to pass the threshold; so look near first, and far only if need be.
+        need = OPEN_WIDTH_M - SCAN_RANGE_M
+        near = _near(segments, at, need)
+        free = (side_ranges(at, yaw, near, need) >= need - 1e-9).all(axis=0)
+        if free.any():
+            early = open_width(at[free], yaw[free], segments) > OPEN_WIDTH_M
+            if early.any():
+                return at[free][early][0]
+    return None
+
+
+def wall_segments(walls: shapely.MultiPolygon) -> NDArray[np.float64]:
+    """Return the edges of all outlines as (S, 2, 2) end points."""
+    coordinates, owner = shapely.get_coordinates(
+        [ring for part in walls.geoms for ring in (part.exterior, *part.interiors)], return_index=True
+    )
+    same = owner[1:] == owner[:-1]
+    return np.stack([coordinates[:-1][same], coordinates[1:][same]], axis=1)
+
+
+def open_width(
+    lidar: NDArray[np.float64], yaw: NDArray[np.float64], segments: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return V_left + V_right, each clipped at the lidar's reach, for (N, 2) positions and (N,) headings."""
+    return side_ranges(lidar, yaw, segments, SCAN_RANGE_M).sum(axis=0)
+
+
+def side_ranges(
+    lidar: NDArray[np.float64], yaw: NDArray[np.float64], segments: NDArray[np.float64], range_max_m: float
+) -> NDArray[np.float64]:
+    """Return (2, N) ranges to the left and to the right."""
+    left = np.column_stack([-np.sin(yaw), np.cos(yaw)])
+    a, edge = segments[:, 0], segments[:, 1] - segments[:, 0]
+    offset = a[None] - lidar[:, None]
+    cross = left[:, None, 0] * edge[None, :, 1] - left[:, None, 1] * edge[None, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (offset[..., 0] * edge[None, :, 1] - offset[..., 1] * edge[None, :, 0]) / cross
+        part = (offset[..., 0] * left[:, None, 1] - offset[..., 1] * left[:, None, 0]) / cross
+    hit = (part >= 0.0) & (part <= 1.0)
+    return np.stack(
+        [
+            np.where(hit & (sign * along >= 0.0), sign * along, range_max_m).min(axis=1, initial=range_max_m)
+            for sign in (1.0, -1.0)
+        ]
+    )
+
+
+def _near(segments: NDArray[np.float64], at: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
+    low, high = at.min(axis=0) - reach_m, at.max(axis=0) + reach_m
+    return segments[((segments.max(axis=1) >= low) & (segments.min(axis=1) <= high)).all(axis=1)]
+
+
+def _headings(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    steps = np.diff(line, axis=0)
+    yaws = np.arctan2(steps[:, 1], steps[:, 0])
+    return np.append(yaws, yaws[-1])
