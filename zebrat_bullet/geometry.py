@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.types import Pose2
@@ -35,3 +36,9 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float
 def to_world(points_base: NDArray[np.float64], pose: Pose2) -> NDArray[np.float64]:
     """Move (K, 2) points in m from the base frame of a car at `pose` into the world frame."""
     return np.asarray(points_base) @ rotation_2d(pose.yaw).T + (pose.x, pose.y)
+
+
+def footprint_hits(walls: shapely.Geometry, footprint_base: NDArray[np.float64], pose: Pose2) -> bool:
+    """Return whether a (K, 2) outline in m, base frame, of a car at `pose` touches the walls."""
+    shapely.prepare(walls)  # kept in the geometry: only its first call costs
+    return bool(shapely.intersects(walls, shapely.Polygon(to_world(footprint_base, pose))))

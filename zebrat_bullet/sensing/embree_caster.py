@@ -58,10 +58,12 @@ class EmbreeCaster:
 
 def _build_scene(world: World) -> o3d.t.geometry.RaycastingScene:
     """Put the walls and a floor that reaches far beyond them into a new scene."""
-    vertices = world.mesh.vertices
+    vertices, faces = world.mesh.vertices.reshape(-1, 3), world.mesh.faces.reshape(-1, 3)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(_tensor(vertices, np.float32), _tensor(world.mesh.faces, np.uint32))
-    (x0, y0), (x1, y1) = vertices[:, :2].min(axis=0) - FLOOR_MARGIN_M, vertices[:, :2].max(axis=0) + FLOOR_MARGIN_M
+    if len(faces):
+        scene.add_triangles(_tensor(vertices, np.float32), _tensor(faces, np.uint32))
+    ground = np.vstack([vertices[:, :2], [[0.0, 0.0]]])
+    (x0, y0), (x1, y1) = ground.min(axis=0) - FLOOR_MARGIN_M, ground.max(axis=0) + FLOOR_MARGIN_M
     floor = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
     scene.add_triangles(_tensor(floor, np.float32), _tensor(np.array([[0, 1, 2], [0, 2, 3]]), np.uint32))
     return scene
