@@ -22,15 +22,16 @@ class PhysicsConfig:
     Attributes:
         control_step_s: time between two commands (paper: 0.2 s).
         rate_hz: physics steps a second; a control step must hold a whole number of them.
-        solver_iterations: constraint solver iterations; 10 biased the motion by 4 %, 20 did not.
-        contact_breaking_m: distance at which a contact is dropped; Bullet's 0.02 keeps stale wheel contacts.
+        solver_iterations: constraint solver iterations; 20 leave a speed error of 0.3 %.
+        contact_breaking_m: distance at which a contact is dropped; Bullet's 0.02 keeps stale wheel contacts, whose cost
+            is 100 us a physics step against 40.
         max_speed_mps, max_steering_rad: limits of a command; commands beyond them are clipped.
     """
 
     control_step_s: float = 0.2
     rate_hz: float = 120.0
     solver_iterations: int = 20
-    contact_breaking_m: float = 0.001
+    contact_breaking_m: float = 1e-5
     max_speed_mps: float = 0.6
     max_steering_rad: float = 0.6
 
@@ -149,7 +150,7 @@ class RewardConfig:
             logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.
     """
 
-    weights: Mapping[str, float] = field(default_factory=lambda: dict(F=1.0, O=1.0, M=1.0, T=1.0))
+    weights: Mapping[str, float] = field(default_factory=lambda: {"F": 1.0, "O": 1.0, "M": 1.0, "T": 1.0})
     collision: float = -50.0
     success: float = 50.0
     discount: float = 0.9
@@ -163,8 +164,8 @@ class RewardConfig:
 
 REWARD_PRESETS = {
     "fomt": RewardConfig(),
-    "fot": RewardConfig(weights=dict(F=1.0, O=1.0, T=1.0)),
-    "ft": RewardConfig(weights=dict(F=1.0, T=1.0)),
+    "fot": RewardConfig(weights={"F": 1.0, "O": 1.0, "T": 1.0}),
+    "ft": RewardConfig(weights={"F": 1.0, "T": 1.0}),
 }
 
 
