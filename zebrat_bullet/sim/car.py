@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pybullet
-from pybullet_utils.bullet_client import BulletClient
 
 from zebrat_bullet.errors import RobotError, SimulationError
 from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
 from zebrat_bullet.sim.ackermann import WheelTargets, virtual_steering
+from zebrat_bullet.sim.client import PhysicsClient
 from zebrat_bullet.types import Pose2, RobotState
 
 # Collision filter groups. Rays and everything by default are in group 1, which the car ignores: a lidar ray never
@@ -24,7 +24,7 @@ class Car:
         body_id: PyBullet's id of the multi-body.
     """
 
-    def __init__(self, client: BulletClient, robot: RobotModel) -> None:
+    def __init__(self, client: PhysicsClient, robot: RobotModel) -> None:
         self._client = client
         self._robot = robot
         flags = pybullet.URDF_USE_IMPLICIT_CYLINDER | pybullet.URDF_IGNORE_VISUAL_SHAPES
@@ -101,11 +101,8 @@ class Car:
         up = (2 * (qx * qz + qy * qw), 2 * (qy * qz - qx * qw), 1 - 2 * (qx * qx + qy * qy))
         cx, cy, cz = self._com_base
         x, y, z = (p - f * cx - s * cy - u * cz for p, f, s, u in zip(com, forward, left, up, strict=True))
-        pitch_rate = sum(a * b for a, b in zip(angular, left, strict=True))
-        yaw_rate = sum(a * b for a, b in zip(angular, up, strict=True))
-        # The rear axle's centre stands off the centre of mass: v_axle = v_com + omega x r, its forward part.
-        speed = sum(a * b for a, b in zip(linear, forward, strict=True))
-        speed += pitch_rate * (self._robot.wheel_radius_m - cz) + yaw_rate * cy
+        # The rear axle's centre stands off the centre of mass: v_axle = v_com + omega x r, of which the forward part.
+        speed = _dot(linear, forward) + _dot(angular, left) * (self._robot.wheel_radius_m - cz) + _dot(angular, up) * cy
         return RobotState(
             pose=Pose2(x, y, math.atan2(forward[1], forward[0])),
             height_m=z,
@@ -119,3 +116,7 @@ class Car:
             contact=contact,
             unseen_contact=unseen_contact,
         )
+
+
+def _dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,19 +1,42 @@
 """One private PyBullet physics server in this process, without a window."""
 
+import weakref
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import pybullet
-from pybullet_utils.bullet_client import BulletClient
 
 from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.errors import SimulationError
 
 GRAVITY_MPS2 = -9.81
 
 
-def open_client(physics: PhysicsConfig) -> BulletClient:
-    """Return a new DIRECT client whose every parameter that matters is set.
+class PhysicsClient:
+    """PyBullet's functions, each bound to this client: `client.stepSimulation()` steps this physics and no other.
 
-    The contact breaking threshold is global to the process and survives a reset, so it is never left to chance.
+    PyBullet's own BulletClient does the same, but makes it write to stdout, which belongs to the commands' results.
+
+    Attributes:
+        id: PyBullet's physicsClientId.
+        close: frees the server; calling it again does nothing.
     """
-    client = BulletClient(connection_mode=pybullet.DIRECT)
+
+    def __init__(self) -> None:
+        self.id: int = pybullet.connect(pybullet.DIRECT)
+        if self.id < 0:
+            raise SimulationError("PyBullet gives no more clients (it has 1024 in a process); close() those not in use")
+        self.close = weakref.finalize(self, pybullet.disconnect, physicsClientId=self.id)
+        self.close.atexit = False
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(getattr(pybullet, name), physicsClientId=self.id)
+
+
+def open_client(physics: PhysicsConfig) -> PhysicsClient:
+    """Return a new client with every parameter that matters set, none left to a default."""
+    client = PhysicsClient()
     client.setGravity(0.0, 0.0, GRAVITY_MPS2)
     client.setPhysicsEngineParameter(
         fixedTimeStep=1.0 / physics.rate_hz,

@@ -7,6 +7,7 @@ import pybullet
 import shapely
 
 from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, Car
@@ -31,7 +32,7 @@ class Simulation:
         self._robot = robot
         self._physics = physics
         self._client = open_client(physics)
-        self.client_id: int = self._client._client
+        self.client_id = self._client.id
         self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR)
         self._car = Car(self._client, robot)
         self.car_id = self._car.body_id
@@ -47,21 +48,34 @@ class Simulation:
         return body_id
 
     def set_world(self, world: World) -> None:
-        """Put the walls of `world` in place of those before; nothing to do when it is the same object."""
+        """Put the walls of `world` in place of those before; nothing to do when it is the same object.
+
+        Raises:
+            WorldError: the mesh is too big for PyBullet.
+        """
         if world is self._world:
             return
         if self.walls_id != _NO_BODY:
             self._client.removeBody(self.walls_id)
-            self.walls_id = _NO_BODY
+            self.walls_id, self._world = _NO_BODY, None
         if len(world.mesh.faces):
-            self.walls_id = self._static_body(
+            self.walls_id = self._walls_body(world)
+        self._world = world
+
+    def _walls_body(self, world: World) -> int:
+        try:
+            return self._static_body(
                 pybullet.GEOM_MESH,
                 GROUP_WALLS,
                 vertices=world.mesh.vertices.tolist(),
                 indices=world.mesh.faces.ravel().tolist(),
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
             )
-        self._world = world
+        except pybullet.error as error:
+            raise WorldError(
+                f"{world.name}: PyBullet refuses a mesh of {len(world.mesh.vertices)} vertices and "
+                f"{len(world.mesh.faces)} faces; it takes 131072 and 174762, so simplify the mesh"
+            ) from error
 
     def reset(self, pose: Pose2) -> RobotState:
         """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace."""
@@ -94,5 +108,4 @@ class Simulation:
 
     def close(self) -> None:
         """Free the physics client; the simulation is of no use afterwards. May be called twice."""
-        if self._client._client >= 0:
-            self._client.disconnect()
+        self._client.close()
