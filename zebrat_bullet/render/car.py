@@ -4,12 +4,12 @@ import numpy as np
 import trimesh
 import yourdfpy
 from numpy.typing import NDArray
-from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkRenderingCore import vtkActor
 
 from zebrat_bullet.geometry import rotation_2d
-from zebrat_bullet.render.polydata import lit_actor, triangles
+from zebrat_bullet.render.polydata import set_colors, triangles, unlit_actor
+from zebrat_bullet.render.shading import shade
 from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
 from zebrat_bullet.types import Pose2
 
@@ -25,21 +25,37 @@ class Car:
 
     def __init__(self, robot: RobotModel) -> None:
         self._urdf = yourdfpy.URDF.load(str(robot.urdf_path))
-        self._links = {name: lit_actor(mesh) for name, mesh in _link_meshes(self._urdf).items()}
+        self._parts = {link: _Part(meshes) for link, meshes in _meshes_by_link(self._urdf).items()}
 
     @property
     def actors(self) -> list[vtkActor]:
-        return list(self._links.values())
+        return [part.actor for part in self._parts.values()]
 
     def place(self, pose: Pose2, knuckle_rad: NDArray[np.float64], wheel_rad: NDArray[np.float64]) -> None:
         """Move all actors: base at `pose`, hinges (2,) left, right; wheels (4,) rear to front, left first."""
         angles = np.concatenate([knuckle_rad, wheel_rad])
         self._urdf.update_cfg(dict(zip((*STEERING_JOINTS, *WHEEL_JOINTS), angles, strict=True)))
         world_from_base = _planar(pose)
-        for link, actor in self._links.items():
-            matrix = vtkMatrix4x4()
-            matrix.DeepCopy((world_from_base @ self._urdf.get_transform(link)).ravel())
-            actor.SetUserMatrix(matrix)
+        for link, part in self._parts.items():
+            part.place(world_from_base @ self._urdf.get_transform(link))
+
+
+class _Part:
+    """What moves with one link: one actor, lit anew wherever it turns."""
+
+    def __init__(self, meshes: list[trimesh.Trimesh]) -> None:
+        starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+        faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)])
+        self._data = triangles(np.concatenate([m.vertices for m in meshes]), faces)
+        self._normals = np.concatenate([m.vertex_normals for m in meshes])
+        self._colors = np.concatenate([m.visual.vertex_colors[:, :3] for m in meshes])
+        self.actor = unlit_actor(self._data)
+
+    def place(self, world_from_link: NDArray[np.float64]) -> None:
+        matrix = vtkMatrix4x4()
+        matrix.DeepCopy(world_from_link.ravel())
+        self.actor.SetUserMatrix(matrix)
+        set_colors(self._data, shade(self._colors, self._normals @ world_from_link[:3, :3].T))
 
 
 def _planar(pose: Pose2) -> NDArray[np.float64]:
@@ -49,8 +65,8 @@ def _planar(pose: Pose2) -> NDArray[np.float64]:
     return matrix
 
 
-def _link_meshes(urdf: yourdfpy.URDF) -> dict[str, vtkPolyData]:
-    """Return link name to poly data in that link's frame; links fixed to another are painted with it."""
+def _meshes_by_link(urdf: yourdfpy.URDF) -> dict[str, list[trimesh.Trimesh]]:
+    """Return the visuals in the frame of the link they move with; links fixed to another go with that one."""
     graph, moving = urdf.scene.graph, {j.child for j in urdf.robot.joints if j.type != "fixed"}
     parts: dict[str, list[trimesh.Trimesh]] = {}
     for node in graph.nodes_geometry:
@@ -59,7 +75,7 @@ def _link_meshes(urdf: yourdfpy.URDF) -> dict[str, vtkPolyData]:
             link = graph.transforms.parents[link]
         transform, geometry = graph.get(frame_to=node, frame_from=link)
         parts.setdefault(link, []).append(_shaded(urdf.scene.geometry[geometry]).apply_transform(transform))
-    return {link: _merged(meshes) for link, meshes in parts.items()}
+    return parts
 
 
 def _shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -67,13 +83,3 @@ def _shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
     copy = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=visual.vertex_colors, process=False)
     return trimesh.graph.smooth_shade(copy, angle=_CREASE_RAD)
-
-
-def _merged(meshes: list[trimesh.Trimesh]) -> vtkPolyData:
-    starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
-    return triangles(
-        np.concatenate([m.vertices for m in meshes]),
-        np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
-        np.concatenate([m.vertex_normals for m in meshes]),
-        np.concatenate([m.visual.vertex_colors[:, :3] for m in meshes]),
-    )

@@ -38,7 +38,7 @@ def require_osmesa(names: tuple[str, ...] = _LIBRARIES) -> None:
 
 
 def offscreen_window(width: int, height: int) -> vtkRenderWindow:
-    """Return an off-screen window of `width` x `height` pixels with four samples a pixel.
+    """Return an off-screen window of `width` x `height` pixels, one sample each.
 
     Raises:
         MissingSystemLibraryError: libOSMesa is absent.
@@ -53,6 +53,6 @@ def offscreen_window(width: int, height: int) -> vtkRenderWindow:
             "vtk or pyvista, and use VTK 9.5 or newer (pip install 'vtk>=9.5')"
         )
     window.SetOffScreenRendering(True)
-    window.SetMultiSamples(4)
+    window.SetMultiSamples(0)
     window.SetSize(width, height)
     return window

@@ -24,30 +24,23 @@ def _set_positions(data: vtkPolyData, points: ArrayLike) -> None:
     data.SetPoints(positions)
 
 
-def _set_colors(data: vtkPolyData, colors: NDArray[np.uint8]) -> None:
+def set_colors(data: vtkPolyData, colors: NDArray[np.uint8]) -> None:
+    """Paint the P points of `data` with (P, 3) colours in 0..255."""
     data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colors, dtype=np.uint8), deep=1))
 
 
-def triangles(
-    points: ArrayLike, faces: ArrayLike, normals: ArrayLike | None = None, colors: NDArray[np.uint8] | None = None
-) -> vtkPolyData:
-    """Return a triangle mesh from (P, 3) points in m, (F, 3) indices, (P, 3) normals and (P, 3) colours in 0..255."""
+def triangles(points: ArrayLike, faces: ArrayLike) -> vtkPolyData:
+    """Return a triangle mesh from (P, 3) points in m and (F, 3) indices."""
     data = vtkPolyData()
     _set_positions(data, points)
     data.SetPolys(_cells(faces, 3))
-    if normals is not None:
-        data.GetPointData().SetNormals(numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32), deep=1))
-    if colors is not None:
-        _set_colors(data, colors)
     return data
 
 
-def set_points(data: vtkPolyData, points: ArrayLike, colors: NDArray[np.uint8] | None = None) -> None:
-    """Make `data` a cloud of (N, 3) points in m, with (N, 3) colours in 0..255 if given."""
+def set_points(data: vtkPolyData, points: ArrayLike) -> None:
+    """Make `data` a cloud of (N, 3) points in m."""
     _set_positions(data, points)
     data.SetVerts(_cells(np.arange(len(np.asarray(points))), 1))
-    if colors is not None:
-        _set_colors(data, colors)
 
 
 def set_lines(data: vtkPolyData, points: ArrayLike, segments: ArrayLike) -> None:
@@ -68,32 +61,18 @@ def on_floor(points_xy: ArrayLike, height_m: float) -> NDArray[np.float64]:
     return np.column_stack([xy, np.full(len(xy), height_m)])
 
 
-def lit_actor(data: vtkPolyData) -> vtkActor:
-    """Return an actor with its own colours under the scene's lights; never black, as a third of it is ambient."""
-    actor = _actor(data)
-    surface = actor.GetProperty()
-    surface.SetAmbient(0.32)
-    surface.SetDiffuse(0.68)
-    return actor
-
-
-def flat_actor(
+def unlit_actor(
     data: vtkPolyData, color: Color = (1.0, 1.0, 1.0), opacity: float = 1.0, size_px: float = 1.0
 ) -> vtkActor:
-    """Return an actor that ignores the lights; `size_px` is its line width or point size."""
-    actor = _actor(data)
+    """Return an actor in the colours of its points, or in `color`; `size_px` is its line width or point size."""
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(data)
+    actor = vtkActor()
+    actor.SetMapper(mapper)
     surface = actor.GetProperty()
     surface.LightingOff()
     surface.SetColor(color)
     surface.SetOpacity(opacity)
     surface.SetLineWidth(size_px)
     surface.SetPointSize(size_px)
-    return actor
-
-
-def _actor(data: vtkPolyData) -> vtkActor:
-    mapper = vtkPolyDataMapper()
-    mapper.SetInputData(data)
-    actor = vtkActor()
-    actor.SetMapper(mapper)
     return actor

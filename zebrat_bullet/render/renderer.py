@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from zebrat_bullet.render.osmesa import offscreen_window  # before any other import of VTK
 
@@ -18,6 +19,9 @@ from zebrat_bullet.world.world import World
 
 _CHASE_SHARE = 0.6
 _GUTTER_PX = 2
+# Drawn this much larger each way and averaged: cheaper in software than four-sample antialiasing (49 for 71 ms of CPU).
+_OVERSAMPLING = 2
+_LINE_PX = 2.5
 _MIN_SIZE_PX = (320, 180)
 
 
@@ -42,9 +46,9 @@ class Renderer:
             raise RenderError(f"a picture needs at least {_MIN_SIZE_PX[0]}x{_MIN_SIZE_PX[1]} px, got {width}x{height}")
         self.world = world
         self._hud = Hud(width, height)
-        self._size = width, height - self._hud.height
+        self._size = _OVERSAMPLING * width, _OVERSAMPLING * (height - self._hud.height)
         self._window = offscreen_window(*self._size)
-        self._scene = Scene(robot, world)
+        self._scene = Scene(robot, world, _OVERSAMPLING * _LINE_PX)
         gutter = _GUTTER_PX / width
         chase = self._scene.renderer((0.0, 0.0, _CHASE_SHARE, 1.0))
         top = self._scene.renderer((_CHASE_SHARE + gutter, 0.0, 1.0, 1.0))
@@ -78,4 +82,5 @@ class Renderer:
         width, height = self._size
         self._window.GetPixelData(0, 0, width - 1, height - 1, 0, self._pixels, 0)
         # OpenGL counts rows from the bottom.
-        return vtk_to_numpy(self._pixels).reshape(height, width, 3)[::-1]
+        upside_down = Image.fromarray(vtk_to_numpy(self._pixels).reshape(height, width, 3))
+        return np.asarray(upside_down.reduce(_OVERSAMPLING))[::-1]

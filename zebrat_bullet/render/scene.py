@@ -1,14 +1,16 @@
 """The scene: floor, walls, car and what the car senses. It is told what to show and never asks a simulator."""
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkRenderer
+from vtkmodules.vtkRenderingCore import vtkActor, vtkRenderer
 
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.render.car import Car
 from zebrat_bullet.render.frame import Frame
-from zebrat_bullet.render.polydata import chain, flat_actor, lit_actor, on_floor, set_lines, set_points, triangles
+from zebrat_bullet.render.polydata import chain, on_floor, set_colors, set_lines, set_points, triangles, unlit_actor
+from zebrat_bullet.render.shading import shade
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import FlatScan, Pose2
 from zebrat_bullet.world.world import World
@@ -16,19 +18,18 @@ from zebrat_bullet.world.world import World
 BACKGROUND = (0.105, 0.120, 0.145)
 _FLOOR, _GRID = (0.165, 0.185, 0.215), (0.225, 0.250, 0.290)
 _WALL_SIDE, _WALL_CAP = (172, 184, 200), (226, 232, 240)
-_PATH, _SCAN = (0.36, 0.62, 1.0), (1.0, 0.96, 0.55)
+_PATH, _SCAN = (0.36, 0.62, 1.0), (1.0, 0.36, 0.78)
 _FLOOR_MARGIN_M = 12.0
 # Heights above the floor, far enough apart for the depth buffer.
-_GRID_Z, _PATH_Z, _REGION_Z, _SCAN_Z = 0.003, 0.008, 0.014, 0.05
+_GRID_Z, _PATH_Z, _GLOW_Z, _OUTLINE_Z, _SCAN_Z = 0.003, 0.008, 0.014, 0.020, 0.050
 _SKIN_M = 0.02  # returns lie exactly in the walls; drawn this much nearer to the lidar they stay visible
 _SCAN_BREAK_M = 0.3  # neighbouring bearings further apart than this see different walls
 
 _HEIGHT_RAMP_M = np.linspace(0.0, 1.2, 5)
 _HEIGHT_COLORS = np.array([[70, 105, 255], [0, 205, 235], [70, 225, 110], [255, 215, 40], [255, 95, 50]])
+_GLOW_M = 0.07  # how far the region shines out from under the car
 _GAP_RAMP_M = np.array([0.02, 0.12, 0.25])
 _GAP_COLORS = np.array([[1.0, 0.16, 0.16], [1.0, 0.72, 0.10], [0.20, 0.90, 0.40]])
-# Directions the light comes from: a wall of any bearing faces one of them.
-_LIGHTS = (((-0.5, -0.8, 1.4), 0.62), ((0.9, 0.35, 0.9), 0.42), ((-0.6, 0.9, 0.7), 0.34))
 
 
 def _ramp(values: NDArray[np.float64] | float, stops: NDArray[np.float64], colors: NDArray) -> NDArray[np.float64]:
@@ -42,41 +43,39 @@ def gap_color(gap_m: float) -> tuple[float, float, float]:
 
 
 class Scene:
-    """All actors of one world and one car, shared by every view of one window."""
+    """All actors of one world and one car, shared by every view of one window.
 
-    def __init__(self, robot: RobotModel, world: World) -> None:
+    Args:
+        robot, world: what stands still and what drives.
+        line_px: width of lines and points.
+    """
+
+    def __init__(self, robot: RobotModel, world: World, line_px: float) -> None:
         self._robot = robot
         self._car = Car(robot)
         self._cloud, self._scan, self._path = vtkPolyData(), vtkPolyData(), vtkPolyData()
-        self._fill, self._outline = vtkPolyData(), vtkPolyData()
-        self._fill_actor = flat_actor(self._fill, opacity=0.35)
-        self._outline_actor = flat_actor(self._outline, size_px=4)
-        self._cloud_actor = flat_actor(self._cloud, size_px=3)
-        self._scan_actor = flat_actor(self._scan, _SCAN, size_px=3)
+        self._glow, self._outline = vtkPolyData(), vtkPolyData()
+        self._glow_actor = unlit_actor(self._glow, opacity=0.45)
+        self._outline_actor = unlit_actor(self._outline, size_px=1.4 * line_px)
+        self._cloud_actor = unlit_actor(self._cloud, size_px=line_px)
+        self._scan_actor = unlit_actor(self._scan, _SCAN, size_px=line_px)
         self._actors = [
-            *_floor_actors(world),
+            *_floor_actors(world, line_px),
             _wall_actor(world),
             *self._car.actors,
-            flat_actor(self._path, _PATH, size_px=3),
-            self._fill_actor,
+            unlit_actor(self._path, _PATH, size_px=line_px),
+            self._glow_actor,
             self._outline_actor,
             self._cloud_actor,
             self._scan_actor,
         ]
 
     def renderer(self, viewport: tuple[float, float, float, float]) -> vtkRenderer:
-        """Return a lit view of this scene in a part (x0, y0, x1, y1 in 0..1) of a window."""
+        """Return a view of this scene in a part (x0, y0, x1, y1 in 0..1) of a window."""
         view = vtkRenderer()
         view.SetViewport(viewport)
         view.SetBackground(BACKGROUND)
         view.SetUseOIT(False)
-        view.AutomaticLightCreationOff()
-        for direction, intensity in _LIGHTS:
-            light = vtkLight()
-            light.SetPosition(direction)
-            light.SetFocalPoint(0.0, 0.0, 0.0)
-            light.SetIntensity(intensity)
-            view.AddLight(light)
         for actor in self._actors:
             view.AddActor(actor)
         return view
@@ -89,16 +88,17 @@ class Scene:
         self._show_senses(frame)
 
     def _show_region(self, frame: Frame) -> None:
-        for actor in (self._fill_actor, self._outline_actor):
+        for actor in (self._glow_actor, self._outline_actor):
             actor.SetVisibility(frame.gap_m is not None)
         if frame.gap_m is None:
             return
         region = self._robot.footprint_base if frame.region_base is None else frame.region_base
-        corners = on_floor(to_world(region, frame.pose), _REGION_Z)
-        fan = [(0, i, i + 1) for i in range(1, len(corners) - 1)]
-        self._fill.ShallowCopy(triangles(corners, fan))
+        corners = on_floor(to_world(region, frame.pose), _OUTLINE_Z)
         set_lines(self._outline, corners, chain(len(corners), closed=True))
-        for actor in (self._fill_actor, self._outline_actor):
+        glow = shapely.Polygon(to_world(region, frame.pose)).buffer(_GLOW_M, quad_segs=4)
+        rim = on_floor(glow.exterior.coords[:-1], _GLOW_Z)
+        self._glow.ShallowCopy(triangles(rim, [(0, i, i + 1) for i in range(1, len(rim) - 1)]))
+        for actor in (self._glow_actor, self._outline_actor):
             actor.GetProperty().SetColor(gap_color(frame.gap_m))
 
     def _show_senses(self, frame: Frame) -> None:
@@ -108,7 +108,8 @@ class Scene:
         self._cloud_actor.SetVisibility(frame.cloud_world is not None)
         if frame.cloud_world is not None:
             colors = _ramp(frame.cloud_world[:, 2], _HEIGHT_RAMP_M, _HEIGHT_COLORS)
-            set_points(self._cloud, _nearer(frame.cloud_world, eye), colors.astype(np.uint8))
+            set_points(self._cloud, _nearer(frame.cloud_world, eye))
+            set_colors(self._cloud, colors.astype(np.uint8))
         self._scan_actor.SetVisibility(frame.scan is not None)
         if frame.scan is not None:
             yaw = pose.yaw + float(self._robot.lidar_rpy[2])
@@ -138,17 +139,19 @@ def _wall_actor(world: World) -> vtkActor:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     colors = np.where(normals[:, 2:] > 0.9, _WALL_CAP, _WALL_SIDE)
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
-    # Every face has its own three vertices, so that walls keep sharp edges.
-    return lit_actor(triangles(corners.reshape(-1, 3), faces, np.repeat(normals, 3, 0), np.repeat(colors, 3, 0)))
+    # Every face has its own three vertices, so that walls are shaded flat.
+    data = triangles(corners.reshape(-1, 3), faces)
+    set_colors(data, np.repeat(shade(colors, normals), 3, axis=0))
+    return unlit_actor(data)
 
 
-def _floor_actors(world: World) -> list[vtkActor]:
+def _floor_actors(world: World, line_px: float) -> list[vtkActor]:
     (x0, y0), (x1, y1) = _floor_bounds(world)
     floor = triangles(on_floor([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], 0.0), [(0, 1, 2), (0, 2, 3)])
     ends = [((x, y0), (x, y1)) for x in np.arange(x0, x1 + 0.5)] + [((x0, y), (x1, y)) for y in np.arange(y0, y1 + 0.5)]
     grid = vtkPolyData()
     set_lines(grid, on_floor(ends, _GRID_Z), np.arange(2 * len(ends)).reshape(-1, 2))
-    return [flat_actor(floor, _FLOOR), flat_actor(grid, _GRID)]
+    return [unlit_actor(floor, _FLOOR), unlit_actor(grid, _GRID, size_px=0.5 * line_px)]
 
 
 def _floor_bounds(world: World) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
