@@ -1,10 +1,12 @@
 """Every setting of the car, its senses and its task: frozen, validated once, varied by `dataclasses.replace`."""
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from zebrat_bullet.errors import ConfigError
@@ -223,3 +225,23 @@ def from_json(kind: type[Config], text: str) -> Config:
         return TypeAdapter(kind).validate_json(text)
     except ValidationError as error:
         raise ConfigError(f"not a valid {kind.__name__}: {error}") from error
+
+
+def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
+    """Return settings with some replaced by "key=value" texts; keys are dotted, values YAML.
+
+    Raises:
+        ConfigError: a text has no "=", a key does not exist (the message lists those that do), or a value is refused.
+    """
+    values = json.loads(to_json(config))
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        *path, last = key.split(".")
+        at = values
+        for name in path:
+            at = at.get(name) if isinstance(at, dict) else None
+        if not equals or not isinstance(at, dict) or (last not in at and path[-1:] != ["weights"]):
+            known = ", ".join(at) if isinstance(at, dict) else ", ".join(values)
+            raise ConfigError(f"cannot set {assignment!r}: write key=value with a key of {known}")
+        at[last] = yaml.safe_load(text)
+    return from_json(type(config), json.dumps(values))

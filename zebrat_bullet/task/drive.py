@@ -1,15 +1,14 @@
 """One episode at a time: where the car, its senses, the reward and the rules meet. Readings out, commands in."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.errors import ActionError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
+from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, start_pose
 from zebrat_bullet.task.rewards import RewardInput, check_weights, weighted_terms
@@ -80,7 +79,7 @@ class Drive:
         Raises:
             ActionError: the command is not finite; nothing was simulated.
         """
-        command = self._clipped(command)
+        command = clip_command(command, self.config.physics)
         self.state = self.sim.step(command)
         self._n_steps += 1
         reading = self._read(command)
@@ -97,12 +96,6 @@ class Drive:
         if self.config.episode.start == "anywhere":
             return anywhere_pose(self.world, self.robot, rng)
         return start_pose(self.world, rng)
-
-    def _clipped(self, command: Command) -> Command:
-        if not (math.isfinite(command.speed_mps) and math.isfinite(command.steering_rad)):
-            raise ActionError(f"a command must be finite, got {command}; it was not simulated")
-        speed, steering = self.config.physics.max_speed_mps, self.config.physics.max_steering_rad
-        return Command(min(max(command.speed_mps, -speed), speed), min(max(command.steering_rad, -steering), steering))
 
     def _read(self, command: Command) -> Reading:
         scan = self.lidar.scan(self.state, self._noise_rng)

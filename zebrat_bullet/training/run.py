@@ -20,8 +20,10 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.ddpg import build_ddpg
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import TrainConfig
-from zebrat_bullet.world import World, generate_track, load_world
+from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world.generate import generate_track
 
 STEPS_WITHOUT_END = 10**9
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
@@ -104,4 +106,18 @@ def _versions() -> dict[str, object]:
         "versions": {name: version(name) for name in VERSIONED},
         "python": platform.python_version(),
         "git": git.stdout.strip() or None,
+    }
+
+
+def summarise(folder: Path) -> dict[str, object]:
+    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
+    episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
+    evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS).rows()
+    best = [row for row in evaluations if row["best"] == "1"][-1]
+    return {
+        "folder": str(folder),
+        "episodes": len(episodes),
+        "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
+        "wall_s": float(evaluations[-1]["wall_s"]),
+        "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
     }
