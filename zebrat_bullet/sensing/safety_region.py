@@ -49,7 +49,7 @@ class SafetyRegion:
         self.outline_lidar = _enlarged(footprint_lidar, config.margin_m)
         bearings, axes, self.corners = self._place(config.resolution_m)
         self.back, self.right, self.front, self.left = axes
-        self.indices = np.rint((bearings + math.pi) * (n_bearings / (2.0 * math.pi))).astype(np.intp) % n_bearings
+        self.indices = _nearest((bearings + math.pi) * (n_bearings / (2.0 * math.pi))) % n_bearings
         self.range_m = self._ranges(beam_bearings(n_bearings)[self.indices]).astype(np.float32)
         self._n_bearings = n_bearings
 
@@ -73,7 +73,7 @@ class SafetyRegion:
         bounds = np.unique(np.concatenate([_AXES_RAD, corner_bearings]).round(9))
         ends = _outline_points(self.outline_lidar, np.append(bounds, bounds[0]))
         lengths = np.hypot(*np.diff(ends, axis=0).T)
-        n_intervals = np.maximum(1, np.rint(lengths / resolution_m)).astype(int)
+        n_intervals = np.maximum(1, _nearest(lengths / resolution_m))
         points = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(ends, ends[1:], n_intervals, strict=False)]
         first = np.concatenate([[0], np.cumsum(n_intervals)[:-1]])
         bearings = _bearings_of(np.concatenate(points))
@@ -131,6 +131,11 @@ def _enlarged(outline: NDArray[np.float64], margin_m: float) -> NDArray[np.float
             "move its mount, or give the safety region a margin"
         )
     return np.array(shapely.geometry.polygon.orient(polygon).exterior.coords)[:-1]
+
+
+def _nearest(values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the nearest integers, halves to even whatever their last bits say: left and right stay mirror images."""
+    return np.rint(values.round(6)).astype(np.intp)
 
 
 def _bearings_of(points: NDArray[np.float64]) -> NDArray[np.float64]:

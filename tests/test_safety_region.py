@@ -1,0 +1,224 @@
+"""The safety region watches the car's outline as Algorithm 1 says, and never cries wolf."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zebrat_bullet.config import SafetyRegionConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.geometry import footprint_hits
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.beams import beam_bearings
+from zebrat_bullet.sensing.safety_region import FIFR, FIRect, SafetyRegion, make_region
+from zebrat_bullet.types import FlatScan, Pose2
+
+N, REACH = 360, 6.0
+ROBOT = load_robot("zebrat")
+# About the lidar: 0.9 m of tail, 0.1 m of nose, 0.3 m to either side.
+RECTANGLE = np.array([[-0.9, -0.3], [0.1, -0.3], [0.1, 0.3], [-0.9, 0.3]])
+HEXAGON = np.array([[-0.9, -0.1], [-0.5, -0.4], [0.05, -0.3], [0.15, 0.0], [0.05, 0.3], [-0.6, 0.35]])
+AUTHORS_TABLE = [0, 6, 12, 19, 22, 24, 28, 32, 38, 46, 58, 72, 90, 109, 118, 136, 180]
+AUTHORS_TABLE += [224, 242, 252, 270, 288, 302, 314, 322, 328, 332, 336, 338, 342, 348, 354]
+SIDES = {"back": (-1.0, 0.0, 0.9), "right": (0.0, -1.0, 0.3), "front": (1.0, 0.0, 0.1), "left": (0.0, 1.0, 0.3)}
+
+
+def region_of(outline: np.ndarray = RECTANGLE, **config: float | str) -> SafetyRegion:
+    return SafetyRegion(outline, SafetyRegionConfig(**config), N)
+
+
+def exact_scan(walls: shapely.Geometry) -> FlatScan:
+    """Return the exact ranges from the origin to the outlines of the walls (no height, no noise)."""
+    bearings = beam_bearings(N)
+    directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    ranges = np.full(N, REACH)
+    for polygon in getattr(walls, "geoms", [walls]):
+        corners = np.array(polygon.exterior.coords)
+        a, side = corners[:-1], np.diff(corners, axis=0)
+        across = directions[:, None, 0] * side[:, 1] - directions[:, None, 1] * side[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along_ray = (a[:, 0] * side[:, 1] - a[:, 1] * side[:, 0]) / across
+            along_side = (a[:, 0] * directions[:, None, 1] - a[:, 1] * directions[:, None, 0]) / across
+        hit = (along_ray >= 0) & (along_side >= 0) & (along_side <= 1)
+        ranges = np.minimum(ranges, np.where(hit, along_ray, np.inf).min(axis=1))
+    return FlatScan(ranges.astype(np.float32), REACH)
+
+
+def touches(walls: shapely.Geometry, outline: np.ndarray, slack_m: float = 0.0) -> bool:
+    return shapely.Polygon(outline).buffer(slack_m).intersects(walls)
+
+
+def wall_at(side: str, gap_m: float, shift_m: float = 0.0) -> shapely.Polygon:
+    """Return a wall 4 m long and 0.2 m thick, parallel to a side of the rectangle, `gap_m` outside of it."""
+    nx, ny, distance = SIDES[side]
+    outwards, along = np.array([nx, ny]), np.array([-ny, nx])
+    near, far = (distance + gap_m) * outwards, (distance + gap_m + 0.2) * outwards
+    right, left = (shift_m - 2.0) * along, (shift_m + 2.0) * along
+    return shapely.Polygon([right + near, left + near, left + far, right + far])
+
+
+def test_zebrat_has_32_bearings_from_straight_back_counter_clockwise() -> None:
+    region = make_region(ROBOT, SafetyRegionConfig(), N)
+    assert len(region.indices) == len(region.range_m) == 32 and region.range_m.dtype == np.float32
+    assert (np.diff(region.indices) > 0).all()
+    assert (region.back, region.right, region.front, region.left) == (0, 12, 16, 20)
+    assert region.corners == (3, 13, 19, 29)
+
+
+def test_the_axes_are_watched_exactly() -> None:
+    region = make_region(ROBOT, SafetyRegionConfig(), N)
+    axes = [region.back, region.right, region.front, region.left]
+    assert region.indices[axes].tolist() == [0, 90, 180, 270]
+    assert np.allclose(region.range_m[axes], [0.9, 0.3, 0.1, 0.3], atol=1e-6)
+
+
+def test_the_corners_are_watched_by_their_nearest_index() -> None:
+    region = region_of()
+    # atan(0.3 / 0.9) = 18.4 degrees from the back, atan(0.1 / 0.3) = 18.4 degrees ahead of abeam.
+    assert region.indices[list(region.corners)].tolist() == [18, 108, 252, 342]
+
+
+def test_points_along_the_tail_and_the_side_lie_a_tenth_of_a_metre_apart() -> None:
+    indices = region_of().indices
+    back = [math.degrees(math.atan2(0.1 * k, 0.9)) for k in range(4)]
+    side = [math.degrees(math.atan2(0.3, 0.9 - 0.1 * k)) for k in range(1, 10)]
+    assert indices[:13].tolist() == [round(angle) for angle in back + side]
+
+
+def test_the_authors_table_is_met_within_two_indices() -> None:
+    assert np.abs(region_of().indices - AUTHORS_TABLE).max() <= 2
+
+
+def test_ranges_end_on_the_outline() -> None:
+    region = region_of()
+    bearings = beam_bearings(N)[region.indices]
+    points = shapely.points(region.range_m * np.cos(bearings), region.range_m * np.sin(bearings))
+    assert shapely.distance(shapely.Polygon(RECTANGLE).exterior, points).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["sr", "firect", "fifr"])
+@pytest.mark.parametrize("n_bearings", [360, 720, 1440])
+def test_left_and_right_are_mirror_images(kind: str, n_bearings: int) -> None:
+    region = make_region(ROBOT, SafetyRegionConfig(kind=kind), n_bearings)
+    mirrored = -np.arange(len(region.indices)) % len(region.indices)
+    assert ((region.indices + region.indices[mirrored]) % n_bearings == 0).all()
+    assert np.allclose(region.range_m, region.range_m[mirrored], atol=1e-7)
+
+
+@pytest.mark.parametrize(("resolution_m", "n"), [(0.05, 64), (0.1, 32), (0.2, 18), (1.0, 8)])
+def test_resolution_sets_the_number_of_bearings(resolution_m: float, n: int) -> None:
+    assert len(region_of(resolution_m=resolution_m).indices) == n
+
+
+def test_the_numbers_of_a_reading_are_the_scan_at_the_regions_bearings() -> None:
+    region, scan = region_of(), FlatScan(np.linspace(1.0, 4.59, N, dtype=np.float32), REACH)
+    clearance = region.measure(scan)
+    assert (clearance.obs_m == scan.ranges_m[region.indices]).all()
+    assert clearance.range_m is region.range_m and not clearance.collision
+
+
+def test_a_scan_of_another_size_is_refused() -> None:
+    with pytest.raises(ConfigError, match="180 bearings"):
+        region_of().measure(FlatScan(np.full(180, 6.0, np.float32), REACH))
+
+
+def test_a_lidar_outside_of_the_outline_is_refused() -> None:
+    with pytest.raises(ConfigError, match="inside the outline"):
+        region_of(RECTANGLE - (0.2, 0.0))
+
+
+convex_piece = st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=3, max_size=6)
+place = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+
+
+@pytest.mark.parametrize("outline", [RECTANGLE, HEXAGON], ids=["rectangle", "hexagon"])
+def test_it_never_fires_unless_the_exact_check_does(outline: np.ndarray) -> None:
+    region = region_of(outline)
+    seen = {True: 0, False: 0}
+
+    @settings(max_examples=300, deadline=None)
+    @given(pieces=st.lists(st.tuples(convex_piece, place), min_size=1, max_size=3))
+    def holds(pieces: list) -> None:
+        hulls = [shapely.MultiPoint(np.array(points) + at).convex_hull for points, at in pieces]
+        walls = shapely.union_all([hull for hull in hulls if hull.area > 1e-6])
+        fired = not walls.is_empty and region.measure(exact_scan(walls)).collision
+        seen[fired] += 1
+        assert not fired or touches(walls, outline, slack_m=1e-6)
+
+    holds()
+    assert min(seen.values()) > 20  # both answers were tried
+
+
+@pytest.mark.parametrize("side", SIDES)
+@settings(max_examples=60, deadline=None)
+@given(gap_m=st.floats(-0.09, 0.5), shift_m=st.floats(-1.0, 1.0))
+def test_it_agrees_with_the_exact_check_for_a_flat_wall_along_any_side(side: str, gap_m: float, shift_m: float) -> None:
+    if abs(gap_m) < 1e-6:
+        return  # flush within a float32: either answer is right
+    wall = wall_at(side, gap_m, shift_m)
+    assert region_of().measure(exact_scan(wall)).collision == touches(wall, RECTANGLE) == (gap_m < 0)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_wall_flush_with_a_side_is_decided_to_a_tenth_of_a_millimetre(side: str) -> None:
+    region = region_of()
+    assert region.measure(exact_scan(wall_at(side, -1e-4))).collision
+    assert not region.measure(exact_scan(wall_at(side, 1e-4))).collision
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_margin_keeps_walls_further_away(side: str) -> None:
+    region = region_of(margin_m=0.05)
+    assert region.measure(exact_scan(wall_at(side, 0.049))).collision
+    assert not region.measure(exact_scan(wall_at(side, 0.051))).collision
+
+
+def test_a_margin_with_its_resolution_keeps_32_bearings() -> None:
+    assert len(region_of(margin_m=0.05, resolution_m=0.11).indices) == 32
+
+
+def test_between_two_bearings_it_is_blind() -> None:
+    """A post 1 cm thick stands 5 cm inside the tail, at 3 degrees from the back; the bearings are at 0 and 6."""
+    bearing = math.radians(-177.0)
+    post = shapely.Point(0.85 * math.cos(bearing), 0.85 * math.sin(bearing)).buffer(0.005)
+    scan = exact_scan(post)
+    assert touches(post, RECTANGLE)
+    assert scan.ranges_m[3] < 0.9  # the whole scan has it
+    assert not region_of().measure(scan).collision
+
+
+def test_fixed_intervals_have_as_many_bearings_at_equal_angles() -> None:
+    for kind in (FIRect, FIFR):
+        region = kind(RECTANGLE, SafetyRegionConfig(), N)
+        assert len(region.indices) == 32
+        assert np.abs(region.indices - np.arange(32) * 11.25).max() <= 0.5
+        assert (region.back, region.right, region.front, region.left) == (0, 8, 16, 24)
+
+
+def test_fifr_covers_the_width_only_and_misses_a_wall_in_the_tail() -> None:
+    tail_hit = exact_scan(wall_at("back", -0.05))
+    sr, firect, fifr = (kind(RECTANGLE, SafetyRegionConfig(), N) for kind in (SafetyRegion, FIRect, FIFR))
+    assert np.allclose(fifr.range_m, 0.3)
+    assert sr.measure(tail_hit).collision and firect.measure(tail_hit).collision
+    assert not fifr.measure(tail_hit).collision
+
+
+def test_equal_angles_are_blinder_along_the_tail_than_the_safety_region() -> None:
+    """Posts 4 cm thick, their centres 3 cm inside the outline, all round the car: count those that are noticed."""
+    sr, firect, fifr = (kind(RECTANGLE, SafetyRegionConfig(), N) for kind in (SafetyRegion, FIRect, FIFR))
+    track = shapely.Polygon(RECTANGLE).buffer(-0.03).exterior
+    scans = [exact_scan(track.interpolate(s, normalized=True).buffer(0.02)) for s in np.linspace(0, 1, 300)]
+    found = [sum(region.measure(scan).collision for scan in scans) for region in (sr, firect, fifr)]
+    assert found[0] > found[1] > found[2]
+
+
+def test_the_exact_check_follows_the_car() -> None:
+    wall = shapely.box(1.0, -1.0, 2.0, 1.0)
+    footprint = ROBOT.footprint_base  # 1.0 m long, 0.6 m wide
+    assert not footprint_hits(wall, footprint, Pose2(0.49, 0.0, 0.0))
+    assert footprint_hits(wall, footprint, Pose2(0.51, 0.0, 0.0))
+    assert not footprint_hits(wall, footprint, Pose2(0.69, 0.0, math.pi / 2))
+    assert footprint_hits(wall, footprint, Pose2(0.71, 0.0, math.pi / 2))
