@@ -55,6 +55,17 @@ def chain(n_points: int, closed: bool = False) -> NDArray[np.int64]:
     return np.stack([start, (start + 1) % max(n_points, 1)], axis=1)
 
 
+def set_ribbon(data: vtkPolyData, points_xy: NDArray[np.float64], width_m: float, height_m: float) -> None:
+    """Make `data` a band of `width_m` along (K, 2) points in m, lying `height_m` above the floor."""
+    ahead = np.gradient(points_xy, axis=0) if len(points_xy) > 1 else np.zeros_like(points_xy)
+    # Where the points stand still the band has no direction and closes to a point.
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    aside = 0.5 * width_m * np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    _set_positions(data, on_floor(np.stack([points_xy - aside, points_xy + aside], axis=1), height_m))
+    first = 2 * np.arange(max(len(points_xy) - 1, 0))[:, None]
+    data.SetPolys(_cells(first + np.array([0, 2, 1, 1, 2, 3]), 3))
+
+
 def on_floor(points_xy: ArrayLike, height_m: float) -> NDArray[np.float64]:
     """Return (K, 3) points at `height_m` above the floor from (K, 2)."""
     xy = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)

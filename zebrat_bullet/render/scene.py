@@ -9,7 +9,16 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkRenderer
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.render.car import Car
 from zebrat_bullet.render.frame import Frame
-from zebrat_bullet.render.polydata import chain, on_floor, set_colors, set_lines, set_points, triangles, unlit_actor
+from zebrat_bullet.render.polydata import (
+    chain,
+    on_floor,
+    set_colors,
+    set_lines,
+    set_points,
+    set_ribbon,
+    triangles,
+    unlit_actor,
+)
 from zebrat_bullet.render.shading import shade
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import FlatScan, Pose2
@@ -27,6 +36,7 @@ _SCAN_BREAK_M = 0.3  # neighbouring bearings further apart than this see differe
 
 _HEIGHT_RAMP_M = np.linspace(0.0, 1.2, 5)
 _HEIGHT_COLORS = np.array([[70, 105, 255], [0, 205, 235], [70, 225, 110], [255, 215, 40], [255, 95, 50]])
+_PATH_WIDTH_M = 0.04
 _GLOW_M = 0.07  # how far the region shines out from under the car
 _GAP_RAMP_M = np.array([0.02, 0.12, 0.25])
 _GAP_COLORS = np.array([[1.0, 0.16, 0.16], [1.0, 0.72, 0.10], [0.20, 0.90, 0.40]])
@@ -63,7 +73,7 @@ class Scene:
             *_floor_actors(world, line_px),
             _wall_actor(world),
             *self._car.actors,
-            unlit_actor(self._path, _PATH, size_px=line_px),
+            unlit_actor(self._path, _PATH),
             self._glow_actor,
             self._outline_actor,
             self._cloud_actor,
@@ -83,7 +93,7 @@ class Scene:
     def show(self, frame: Frame) -> None:
         """Move and recolour everything that changes."""
         self._car.place(frame.pose, frame.knuckle_rad, frame.wheel_rad)
-        set_lines(self._path, on_floor(frame.path_world, _PATH_Z), chain(len(frame.path_world)))
+        set_ribbon(self._path, frame.path_world, _PATH_WIDTH_M, _PATH_Z)
         self._show_region(frame)
         self._show_senses(frame)
 

@@ -53,7 +53,7 @@ def write_video(
     _check(path, size)
     times = _frame_times(record, fps, max_seconds)
     renderer = Renderer(robot, world, *size)
-    frames = _frames(record, robot, world, times)
+    frames = episode_frames(record, robot, world, times)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.stem}.part.mp4")
     try:
@@ -106,14 +106,17 @@ def _frame_times(record: EpisodeRecord, fps: int, max_seconds: float | None) -> 
     return times if end < record.duration_s else np.append(times, np.full(round(_HOLD_S * fps), end))
 
 
-def _frames(record: EpisodeRecord, robot: RobotModel, world: World, times: NDArray[np.float64]) -> Iterator[Frame]:
+def episode_frames(
+    record: EpisodeRecord, robot: RobotModel, world: World, times_s: NDArray[np.float64]
+) -> Iterator[Frame]:
+    """Yield the frames of an episode at (K,) times in s; the motion between control steps is interpolated."""
     task = from_json(TaskConfig, record.task)
     # Embree whatever the episode was driven with: it is fast enough to cast the cloud anew for every frame.
     caster = make_caster("embree", beam_directions(task.lidar), task.lidar.range_max_m, None)
     caster.set_world(world)
     outline = region_outline(robot, task.region.margin_m)
     driven: list[tuple[float, float]] = []
-    for time_s in times:
+    for time_s in times_s:
         step, share = _locate(record.time_s, time_s)
         pose = _pose_at(record, step, share)
         driven.append((pose.x, pose.y))
