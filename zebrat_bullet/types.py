@@ -66,7 +66,8 @@ class PointCloud:
         points_lidar: (N, 3) float32, m, lidar frame; channel-major (all bearings of the lowest channel first). A ray
             without a return has its point at the maximum range.
         valid: (N,) bool, False where the ray had no return.
-        rotation_level: (3, 3) float64, turns lidar-frame vectors into the gravity-levelled lidar frame (same yaw).
+        rotation_level: (3, 3) float64, turns lidar-frame vectors into the gravity-levelled frame at the lidar (x along
+            the car's heading).
         height_m: height of the sensor above the floor.
     """
 

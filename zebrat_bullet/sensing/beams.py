@@ -10,7 +10,7 @@ from zebrat_bullet.config import LidarConfig
 
 def beam_bearings(n_bearings: int) -> NDArray[np.float64]:
     """Return the (n_bearings,) bearings in rad, from -pi (straight back) counter-clockwise, as in ROS LaserScan."""
-    return -math.pi + np.arange(n_bearings) * (2.0 * math.pi / n_bearings)
+    return np.linspace(-math.pi, math.pi, n_bearings, endpoint=False, dtype=np.float64)
 
 
 def beam_elevations(config: LidarConfig) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -59,7 +60,7 @@ class BulletCaster:
         fractions *= self._range_max_m
         return fractions
 
-    def trace(self) -> list[tuple]:
+    def trace(self) -> list[tuple[Any, ...]]:
         """Return the raw hits of each batch, for the rays as last aimed."""
         with _garbage_collector_paused():
             return [

@@ -42,7 +42,7 @@ class EmbreeCaster:
         self._aim[:3, 3:] = rotation_world.T
         self._aim[3, :3] = origin_world
         np.matmul(self._beams, self._aim, out=self._rays)
-        ranges = self.trace()["t_hit"].numpy()
+        ranges: NDArray[np.float32] = self.trace()["t_hit"].numpy()
         return np.minimum(ranges, self._range_max_m, out=ranges)
 
     def trace(self) -> dict[str, o3d.core.Tensor]:
@@ -69,5 +69,5 @@ def _build_scene(world: World) -> o3d.t.geometry.RaycastingScene:
     return scene
 
 
-def _tensor(array: NDArray, dtype: type) -> o3d.core.Tensor:
+def _tensor(array: NDArray[np.generic], dtype: type) -> o3d.core.Tensor:
     return o3d.core.Tensor(np.ascontiguousarray(array, dtype))
