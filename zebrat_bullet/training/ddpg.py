@@ -63,34 +63,26 @@ class PaperDDPG(DDPG):
 
 
 class MirrorReplayBuffer(NStepReplayBuffer):
-    """Replay whose samples are, each with probability one half, mirrored left to right; scales the reward too."""
+    """Replay of which half of each batch is seen mirrored left to right; scales the reward too."""
 
     def __init__(
         self, *args: Any, observation: ObservationSpec, mirror: bool, reward_scale: float, **kwargs: Any
     ) -> None:
         super().__init__(*args, **kwargs)
-        self.reward_scale = reward_scale
-        self.mirror = mirror
-        n = observation.n_rays
-        index = np.arange(observation.size)
-        index[:n] = (-index[:n]) % n
-        sign = np.ones(observation.size, dtype=np.float32)
-        sign[-1] = -1.0
-        self._index, self._sign = torch.from_numpy(index), torch.from_numpy(sign)
-        self._action_sign = torch.tensor([1.0, -1.0])
+        self.observation, self.mirror, self.reward_scale = observation, mirror, reward_scale
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         samples = super()._get_samples(batch_inds, env)
         half = len(batch_inds) // 2 if self.mirror else 0  # indices are drawn at random, so the first half is random
         for observations in (samples.observations, samples.next_observations):
-            observations[:half] = observations[:half][:, self._index] * self._sign
-        samples.actions[:half] *= self._action_sign
+            observations[:half] = torch.from_numpy(self.observation.mirror(observations[:half].numpy()))
+        samples.actions[:half, 1] *= -1.0
         return samples._replace(rewards=samples.rewards * self.reward_scale)
 
 
 def build_ddpg(config: TrainConfig, env: Any, observation: ObservationSpec) -> PaperDDPG:
     """Return an untrained learner for a vectorised environment."""
-    return PaperDDPG(
+    model = PaperDDPG(
         "MlpPolicy",
         env,
         actor_lr=config.actor_lr,
@@ -113,10 +105,19 @@ def build_ddpg(config: TrainConfig, env: Any, observation: ObservationSpec) -> P
         tau=config.tau,
         train_freq=1,
         gradient_steps=-1,
-        policy_kwargs={"net_arch": list(config.hidden), "optimizer_kwargs": {"fused": config.fused_adam}},
+        policy_kwargs={
+            "net_arch": list(config.hidden),
+            "n_critics": config.n_critics,
+            "optimizer_kwargs": {"fused": config.fused_adam},
+        },
         seed=config.seed,
         device="cpu",
     )
+    # SB3's DDPG is its TD3 with these switched off; a clip of 0 is no noise, but the sigma itself must be above 0.
+    model.policy_delay = config.policy_delay
+    model.target_policy_noise = config.target_noise or model.target_policy_noise
+    model.target_noise_clip = 2.5 * config.target_noise
+    return model
 
 
 def actor_to_agent(model: DDPG, name: str, observation: ObservationSpec, provenance: dict[str, object]) -> PolicyAgent:

@@ -21,6 +21,9 @@ class TrainConfig:
         actor_lr, critic_lr: learning rates.
         buffer_size, batch_size, gamma, tau: replay and targets.
         n_step: rewards summed before the critic bootstraps.
+        n_critics: critics, of whose targets the smallest counts (1: DDPG, 2: as in TD3).
+        policy_delay: critic updates to an actor update (1: DDPG, 2: as in TD3).
+        target_noise: Gaussian smoothing of the target action (0: DDPG, 0.2: TD3), clipped at 2.5 sigma.
         warmup_steps: uniformly random steps before the first update.
         epsilon: probability of a uniformly random action at the start; falls linearly to 0 at the last episode.
         sigma: Gaussian noise on the action otherwise, as a fraction of the limits.
@@ -50,6 +53,9 @@ class TrainConfig:
     gamma: float = 0.99
     tau: float = 0.005
     n_step: int = 1
+    n_critics: int = 1
+    policy_delay: int = 1
+    target_noise: float = 0.0
     warmup_steps: int = 200
     epsilon: float = 0.8
     sigma: float = 0.1
@@ -66,8 +72,8 @@ class TrainConfig:
     task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
 
     def __post_init__(self) -> None:
-        counts = ("episodes", "n_envs", "batch_size", "buffer_size", "n_step", "threads", "eval_every", "eval_episodes")
-        for name in (*counts, "checkpoint_every"):
+        counts = ("episodes", "n_envs", "batch_size", "buffer_size", "n_step", "n_critics", "policy_delay", "threads")
+        for name in (*counts, "warmup_steps", "eval_every", "eval_episodes", "checkpoint_every"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"{name} must be at least 1, got {getattr(self, name)}")
         if not self.worlds and not self.n_generated:
@@ -77,27 +83,32 @@ class TrainConfig:
                 raise ConfigError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         if self.matmul_precision not in ("highest", "high", "medium"):
             raise ConfigError(f"matmul_precision must be highest, high or medium, got {self.matmul_precision!r}")
-        if self.warmup_steps < self.batch_size and self.warmup_steps < 1:
-            raise ConfigError(f"warmup_steps must be at least 1, got {self.warmup_steps}")
 
 
 TRAIN_PRESETS = {
     "paper": TrainConfig(),
     "general": TrainConfig(
-        worlds=("big_track",) * 10,
-        n_generated=200,
+        worlds=("big_track",) * 15,
+        n_generated=150,
         episodes=4000,
+        hidden=(256, 256),
         actor_lr=3e-4,
         critic_lr=1e-3,
-        batch_size=128,
+        batch_size=256,
+        n_critics=2,
+        policy_delay=2,
+        target_noise=0.2,
+        warmup_steps=2000,
         epsilon=0.3,
         mirror=True,
+        reward_scale=0.1,
         matmul_precision="medium",
         fused_adam=True,
         eval_every=100,
         eval_episodes=1,
         eval_worlds=("big_track",),
-        n_generated_eval=20,
+        n_generated_eval=30,
+        checkpoint_every=200,
         task=TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(start="anywhere")),
     ),
 }

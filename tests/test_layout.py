@@ -1,0 +1,65 @@
+"""The package imports one way only, and heavy libraries only where they belong."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "zebrat_bullet"
+ORDER = (
+    "errors types config geometry assets robot world sim sensing task render envs agents evaluation training report "
+    "bench cli"
+).split()
+ALLOWED = {
+    "pybullet": {"sim", "sensing", "bench"},
+    "torch": {"training", "agents"},
+    "stable_baselines3": {"training", "agents"},
+    "open3d": {"sensing"},
+    "gymnasium": {"envs", "training"},
+}
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def stage(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0].removesuffix(".py")
+
+
+def imported(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+    return names
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_what_stands_before_it(path):
+    if path == PACKAGE / "__init__.py":
+        return
+    here = ORDER.index(stage(path))
+    for name in imported(path):
+        if name.startswith("zebrat_bullet."):
+            other = name.split(".")[1]
+            assert ORDER.index(other) <= here, f"{path} imports {name}, which stands after it"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_heavy_libraries_are_imported_only_where_they_belong(path):
+    for name in imported(path):
+        top = name.split(".")[0]
+        if top in ALLOWED and path != PACKAGE / "__init__.py":
+            assert stage(path) in ALLOWED[top], f"{path} imports {name}"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = (
+        "import sys, zebrat_bullet; "
+        "print([m for m in ('pybullet', 'open3d', 'torch', 'stable_baselines3', 'vtk', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
