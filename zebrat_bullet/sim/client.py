@@ -34,9 +34,9 @@ class PhysicsClient:
         return partial(getattr(pybullet, name), physicsClientId=self.id)
 
 
-def open_client(physics: PhysicsConfig) -> PhysicsClient:
-    """Return a new client with every parameter that matters set, none left to a default."""
-    client = PhysicsClient()
+def clear(client: PhysicsClient, physics: PhysicsConfig) -> None:
+    """Remove every body of a client, and set every parameter that matters, none left to a default."""
+    client.resetSimulation()
     client.setGravity(0.0, 0.0, GRAVITY_MPS2)
     client.setPhysicsEngineParameter(
         fixedTimeStep=1.0 / physics.rate_hz,
@@ -45,4 +45,3 @@ def open_client(physics: PhysicsConfig) -> PhysicsClient:
         numSubSteps=0,
         deterministicOverlappingPairs=1,
     )
-    return client

@@ -11,9 +11,9 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, Car
-from zebrat_bullet.sim.client import open_client
+from zebrat_bullet.sim.client import PhysicsClient, clear
 from zebrat_bullet.types import Command, Pose2, RobotState
-from zebrat_bullet.world.world import World
+from zebrat_bullet.world.world import Mesh, World
 
 _NO_BODY = -1
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
@@ -31,14 +31,21 @@ class Simulation:
         check_limits(robot, physics)
         self._robot = robot
         self._physics = physics
-        self._client = open_client(physics)
+        self._client = PhysicsClient()
         self.client_id = self._client.id
-        self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR)
-        self._car = Car(self._client, robot)
-        self.car_id = self._car.body_id
-        self.walls_id = _NO_BODY
-        self._world: World | None = None
         self._step_physics = partial(pybullet.stepSimulation, physicsClientId=self.client_id)
+        self._mesh_lists = _MeshLists()
+        self._world: World | None = None
+        self._build(None)
+
+    def _build(self, world: World | None) -> None:
+        """Make everything anew: PyBullet frees the memory of a removed body's mesh only when all is cleared."""
+        clear(self._client, self._physics)
+        self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR)
+        self._car = Car(self._client, self._robot)
+        self.car_id = self._car.body_id
+        self.walls_id = _NO_BODY if world is None or not len(world.mesh.faces) else self._walls_body(world)
+        self._world = world
 
     def _static_body(self, shape_type: int, group: int, **shape: object) -> int:
         shape_id = self._client.createCollisionShape(shape_type, **shape)
@@ -48,27 +55,22 @@ class Simulation:
         return body_id
 
     def set_world(self, world: World) -> None:
-        """Put the walls of `world` in place of those before; nothing to do when it is the same object.
+        """Put the walls of `world` in place of those before; `reset` comes next. The same object again costs nothing.
 
         Raises:
             WorldError: the mesh is too big for PyBullet.
         """
-        if world is self._world:
-            return
-        if self.walls_id != _NO_BODY:
-            self._client.removeBody(self.walls_id)
-            self.walls_id, self._world = _NO_BODY, None
-        if len(world.mesh.faces):
-            self.walls_id = self._walls_body(world)
-        self._world = world
+        if world is not self._world:
+            self._build(world)
 
     def _walls_body(self, world: World) -> int:
+        vertices, indices = self._mesh_lists.fill(world.mesh)
         try:
             return self._static_body(
                 pybullet.GEOM_MESH,
                 GROUP_WALLS,
-                vertices=world.mesh.vertices.tolist(),
-                indices=world.mesh.faces.ravel().tolist(),
+                vertices=vertices,
+                indices=indices,
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
             )
         except pybullet.error as error:
@@ -109,3 +111,22 @@ class Simulation:
     def close(self) -> None:
         """Free the physics client; the simulation is of no use afterwards. May be called twice."""
         self._client.close()
+
+
+class _MeshLists:
+    """The lists that createCollisionShape takes, filled anew each time: it never gives back its references to them."""
+
+    def __init__(self) -> None:
+        self._rows: list[list[float]] = []
+        self._vertices: list[list[float]] = []
+        self._indices: list[int] = []
+
+    def fill(self, mesh: Mesh) -> tuple[list[list[float]], list[int]]:
+        """Return the vertices in m and the triangles' vertex indices; valid until the next call."""
+        n = len(mesh.vertices)
+        self._rows += [[] for _ in range(n - len(self._rows))]
+        for row, vertex in zip(self._rows, mesh.vertices.tolist(), strict=False):
+            row[:] = vertex
+        self._vertices[:] = self._rows[:n]
+        self._indices[:] = mesh.faces.ravel().tolist()
+        return self._vertices, self._indices
