@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
+import yourdfpy
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import MissingSystemLibraryError, RenderError
@@ -134,6 +136,21 @@ def test_a_front_wheel_steers_about_the_vertical_and_rolls_about_its_axle():
     heading = yaw + knuckle
     np.testing.assert_allclose(wheel[:3, 1], [-np.sin(heading), np.cos(heading), 0.0], atol=1e-9)
     np.testing.assert_allclose(wheel[2, 0], -np.sin(roll), atol=1e-9)
+
+
+def test_a_mesh_in_the_urdf_is_drawn_in_the_colour_of_its_material(tmp_path, world, frame):
+    ball = trimesh.creation.icosphere(radius=0.2)
+    ball.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.SimpleMaterial(diffuse=[255, 0, 0]))
+    ball.export(tmp_path / "ball.obj")
+    visual = '<visual><origin xyz="0 0 1"/><geometry><mesh filename="ball.obj"/></geometry></visual>'
+    urdf = load_robot().urdf_path.read_text()
+    root = yourdfpy.URDF.load(str(load_robot().urdf_path), load_meshes=False).base_link
+    (tmp_path / "balloon.urdf").write_text(urdf.replace(f'<link name="{root}">', f'<link name="{root}">{visual}', 1))
+    renderer = Renderer(load_robot(str(tmp_path / "balloon.urdf")), world, WIDTH, HEIGHT)
+    picture = _views(renderer.frame(frame))
+    renderer.close()
+    red = (picture[..., 0] > 90) & (picture[..., 1:].max(axis=2) < 30)
+    assert red.sum() > 200
 
 
 def test_cloud_scan_and_path_each_change_the_picture(renderer, frame):

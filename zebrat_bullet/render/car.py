@@ -80,6 +80,13 @@ def _meshes_by_link(urdf: yourdfpy.URDF) -> dict[str, list[trimesh.Trimesh]]:
 
 def _shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return a copy with vertices doubled along creases, so that normals are smooth on wheels and sharp on boxes."""
-    visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
-    copy = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=visual.vertex_colors, process=False)
+    copy = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=_vertex_colors(mesh), process=False)
     return trimesh.graph.smooth_shade(copy, angle=_CREASE_RAD)
+
+
+def _vertex_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
+    if mesh.visual.kind != "texture":
+        return mesh.visual.vertex_colors
+    if mesh.visual.uv is not None:
+        return mesh.visual.to_color().vertex_colors
+    return np.tile(mesh.visual.material.main_color, (len(mesh.vertices), 1))
