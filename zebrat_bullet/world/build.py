@@ -1,6 +1,8 @@
 """From a checked world file to a meshed world."""
 
 import math
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -8,131 +10,122 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.schema import LOWEST_WALL_M, StartSpec, WorldSpec
+from zebrat_bullet.world.schema import LOWEST_WALL_M, PolygonObstacle, StartSpec, WorldSpec
 from zebrat_bullet.world.solid import Solid, extrude, join, polygons_of
-from zebrat_bullet.world.track import GOAL_M, Track, lay_track, resample
+from zebrat_bullet.world.sources import mesh_outlines, read_mesh, read_ros_map
+from zebrat_bullet.world.survey import clear_widths, point_outward, survey
+from zebrat_bullet.world.track import GOAL_M, Track, lay_track
 from zebrat_bullet.world.walls import obstacle_solid, wall_solids
-from zebrat_bullet.world.world import Start, World
+from zebrat_bullet.world.world import Mesh, Start, World
 
 _WAYPOINT_SPACING_M = 1.5
+# How far round the walls of a mesh or map the floor counts as its free space.
+_FLOOR_MARGIN_M = 8.0
+_HAIR_M = 1e-3
 
 
-def build_world(spec: WorldSpec, source: str) -> World:
-    """Build the world of a `segments` or `free_space` file.
+def build_world(spec: WorldSpec, path: Path) -> World:
+    """Build the world that a file describes; `path` names it, and is where its mesh or map is looked for.
 
     Raises:
-        WorldError: segments or polygons that do not make a corridor.
+        WorldError: segments, polygons or files that do not make a place to drive in.
     """
-    track = _track(spec, source)
-    open_line = _exit_line(track.exit, track.widths_m[-1]) if spec.segments else np.array(spec.open_line, dtype=float)
-    if not spec.segments:
-        open_line = _point_outward(open_line, track)
+    source = str(path)
+    mesh = None if spec.mesh is None else read_mesh(path.parent / spec.mesh)
+    if mesh is not None:
+        solids = [Solid(part, 0.0, float(mesh.vertices[:, 2].max())) for part in mesh_outlines(mesh)]
+        track, open_line, free_space = _on_surfaces(spec, solids, source)
+    elif spec.map is not None:
+        solids = read_ros_map(path.parent / spec.map, spec.wall.height_m)
+        track, open_line, free_space = _on_surfaces(spec, solids, source)
+    else:
+        track, open_line = _corridor(spec, source)
+        solids, free_space = wall_solids(track.free_space, open_line, spec.wall), track.free_space
     _check_obstacles(spec, source)
     obstacles = [obstacle_solid(item, track) for item in spec.obstacles]
-    walls = wall_solids(track.free_space, open_line, spec.wall)
-    begin_m = spec.start.at_m if spec.start.pose is None else 0.0
-    if begin_m >= track.length_m:
-        raise WorldError(
-            f"{source}: start.at_m: {begin_m} m is past the end of the track at {track.length_m:.2f} m; lower it"
-        )
-    line, widths = _from_start(track, begin_m)
-    waypoints = _waypoints(track, begin_m) if spec.waypoints is None else np.array(spec.waypoints, dtype=float)
-    return assemble(
-        spec,
-        walls + obstacles,
-        free_space=track.free_space,
-        centre_line=line,
-        widths_m=widths,
-        start=start_of(spec.start, track.pose_at(begin_m)),
-        waypoints=waypoints,
-        open_line=open_line,
-    )
-
-
-def assemble(
-    spec: WorldSpec,
-    solids: list[Solid],
-    *,
-    free_space: shapely.Polygon,
-    centre_line: NDArray[np.float64],
-    widths_m: NDArray[np.float64],
-    start: Start,
-    waypoints: NDArray[np.float64],
-    open_line: NDArray[np.float64] | None,
-) -> World:
-    """Mesh the solids and take what stands in the free space out of it."""
-    # What hangs above the height band of the flat scan is drawn and meshed, but passes over the car.
-    standing = [solid for solid in solids if solid.bottom_m < LOWEST_WALL_M]
-    walls = _multi([solid.outline for solid in standing])
+    meshes = [mesh] if mesh is not None else _extruded(solids)
+    # What hangs above the height band of the flat scan is meshed, but passes over the car.
+    standing = [solid for solid in solids + obstacles if solid.bottom_m < LOWEST_WALL_M]
+    walls = _multi(standing)
+    begin_m = _start_distance(spec.start, track, source)
+    line, widths = _from_start(track, begin_m) if track else (np.empty((0, 2)), np.empty(0))
     return World(
         name=spec.name,
         description=spec.description,
-        mesh=join(extrude(solid.outline, solid.bottom_m, solid.top_m) for solid in solids),
+        mesh=join(meshes + _extruded(obstacles)),
         walls=walls,
-        low_obstacles=_multi([solid.outline for solid in standing if solid.low]),
-        free_space=_largest(free_space.difference(walls)) if spec.obstacles else free_space,
-        centre_line=centre_line,
-        widths_m=_clear_widths(centre_line, widths_m, walls) if spec.obstacles else widths_m,
-        start=start,
-        waypoints=waypoints,
+        low_obstacles=_multi([solid for solid in standing if solid.low]),
+        free_space=_largest(free_space.difference(walls)) if obstacles else free_space,
+        centre_line=line,
+        widths_m=clear_widths(line, widths, walls) if obstacles and track else widths,
+        start=_start(spec.start, track),
+        waypoints=_waypoints(spec, track, begin_m),
         open_line=open_line,
         max_steps=spec.max_steps,
     )
 
 
-def start_of(spec: StartSpec, otherwise: Pose2) -> Start:
-    """Return the start that a file gives, or `otherwise` with the file's random range."""
-    pose = otherwise if spec.pose is None else Pose2(spec.pose[0], spec.pose[1], math.radians(spec.pose[2]))
-    return Start(pose, spec.range_x_m, spec.range_y_m, spec.range_yaw_rad)
-
-
-def spread_along(line: NDArray[np.float64], keys_m: list[float]) -> NDArray[np.float64]:
-    """Return (K, 2) points along a line: at each key distance but the first, and evenly between them."""
-    distances = np.concatenate([[0.0], np.hypot(*np.diff(line, axis=0).T).cumsum()])
-    at = []
-    for a, b in zip(keys_m[:-1], keys_m[1:], strict=True):
-        n = max(1, round((b - a) / _WAYPOINT_SPACING_M))
-        at += [a + (b - a) * (i + 1) / n for i in range(n)]
-    return np.column_stack([np.interp(at, distances, line[:, 0]), np.interp(at, distances, line[:, 1])])
-
-
-def _track(spec: WorldSpec, source: str) -> Track:
+def _corridor(spec: WorldSpec, source: str) -> tuple[Track, NDArray[np.float64]]:
     if spec.segments is not None:
-        return lay_track(spec.segments, source)
+        track = lay_track(spec.segments, source)
+        return track, _exit_line(track.exit, track.widths_m[-1])
     for i, ring in enumerate(spec.free_space or []):
         if not shapely.Polygon(ring).is_valid:
             reason = shapely.is_valid_reason(shapely.Polygon(ring))
-            raise WorldError(
-                f"{source}: free_space[{i}]: its walls cross themselves ({reason}); put the corners in order round it"
-            )
+            raise WorldError(f"{source}: free_space[{i}]: its walls cross themselves ({reason}); reorder its corners")
     free_space = shapely.union_all([shapely.Polygon(ring) for ring in spec.free_space or []])
     if free_space.geom_type != "Polygon":
         raise WorldError(f"{source}: free_space: the polygons do not touch; let neighbours share an edge or overlap")
-    corners = np.array(spec.centre_line, dtype=float)
-    points, distances, _ = resample(corners, np.zeros(len(corners) - 1))
+    return _surveyed(spec, free_space, source)
+
+
+def _on_surfaces(
+    spec: WorldSpec, solids: list[Solid], source: str
+) -> tuple[Track | None, NDArray[np.float64] | None, shapely.Polygon]:
+    """Return track and open-space line, if the file gives them, and the floor that the start can reach."""
+    outlines = shapely.union_all([solid.outline for solid in solids])
+    floor = outlines.envelope.buffer(_FLOOR_MARGIN_M, join_style="mitre").difference(outlines)
+    if spec.open_line is not None:
+        floor = floor.difference(shapely.LineString(spec.open_line).buffer(_HAIR_M))
+    pose = _start(spec.start, None).pose
+    here = [part for part in polygons_of(floor) if part.intersects(shapely.Point(pose.x, pose.y))]
+    if not here:
+        raise WorldError(f"{source}: start: ({pose.x}, {pose.y}) is in a wall or far outside; move the start")
+    if spec.open_line is None:
+        return None, None, here[0]
+    track, open_line = _surveyed(spec, here[0].buffer(2 * _HAIR_M), source)
+    return track, open_line, here[0]
+
+
+def _surveyed(spec: WorldSpec, free_space: shapely.Polygon, source: str) -> tuple[Track, NDArray[np.float64]]:
     line = np.array(spec.open_line, dtype=float)
-    crossing = shapely.LineString(points).intersection(shapely.LineString(line))
-    if crossing.is_empty:
-        raise WorldError(f"{source}: centre_line: it never crosses the open_line; extend it {GOAL_M} m past the line")
-    met = shapely.Point(shapely.get_coordinates(crossing)[0])
-    length = float(shapely.line_locate_point(shapely.LineString(points), met))
-    widths = _chords(points, free_space)
-    inside = distances < length
-    widths[~inside] = widths[inside][-1]
-    track = Track(free_space, points, distances, widths, (), Pose2(0.0, 0.0, 0.0), length)
-    return Track(free_space, points, distances, widths, (), track.pose_at(length), length)
+    track = survey(free_space, np.array(spec.centre_line, dtype=float), line, source)
+    return track, point_outward(line, track.exit)
 
 
 def _exit_line(pose: Pose2, width: float) -> NDArray[np.float64]:
     left = np.array([-math.sin(pose.yaw), math.cos(pose.yaw)]) * width / 2
-    return np.array([[pose.x, pose.y] - left, [pose.x, pose.y] + left])
+    return np.array([pose.x, pose.y]) + np.stack([-left, left])
 
 
-def _point_outward(line: NDArray[np.float64], track: Track) -> NDArray[np.float64]:
-    """Order the two ends so that the way out, along the centre line, is to their right."""
-    along = line[1] - line[0]
-    out = math.cos(track.exit.yaw) * along[1] - math.sin(track.exit.yaw) * along[0]
-    return line if out > 0 else line[::-1].copy()
+def _start_distance(start: StartSpec, track: Track | None, source: str) -> float:
+    """Return where on the centre line of its track the car begins."""
+    if track is None:
+        return 0.0
+    if start.pose is not None:
+        return float(shapely.line_locate_point(shapely.LineString(track.points), shapely.Point(start.pose[:2])))
+    if start.at_m >= track.length_m:
+        raise WorldError(f"{source}: start.at_m: {start.at_m} m is past the end at {track.length_m:.2f} m; lower it")
+    return start.at_m
+
+
+def _start(start: StartSpec, track: Track | None) -> Start:
+    if start.pose is not None:
+        pose = Pose2(start.pose[0], start.pose[1], math.radians(start.pose[2]))
+    else:
+        assert track is not None
+        pose = track.pose_at(start.at_m)
+    return Start(pose, start.range_x_m, start.range_y_m, start.range_yaw_rad)
 
 
 def _from_start(track: Track, begin_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -142,52 +135,30 @@ def _from_start(track: Track, begin_m: float) -> tuple[NDArray[np.float64], NDAr
     return np.vstack([[pose.x, pose.y], track.points[later]]), np.concatenate([[width], track.widths_m[later]])
 
 
-def _waypoints(track: Track, begin_m: float) -> NDArray[np.float64]:
-    inner = [corner for corner in track.corners_m if corner > begin_m + 0.5]
-    return spread_along(track.points, [begin_m, *inner, track.length_m + GOAL_M])
+def _waypoints(spec: WorldSpec, track: Track | None, begin_m: float) -> NDArray[np.float64]:
+    """Return the file's waypoints, or points at the corners, between them, and 1 m past the open-space line."""
+    if spec.waypoints is not None or track is None:
+        return np.array(spec.waypoints or np.empty((0, 2)), dtype=float)
+    corners = [corner for corner in track.corners_m if corner > begin_m + 0.5]
+    at: list[float] = []
+    for a, b in pairwise([begin_m, *corners, track.length_m + GOAL_M]):
+        n = max(1, round((b - a) / _WAYPOINT_SPACING_M))
+        at += [a + (b - a) * (i + 1) / n for i in range(n)]
+    return np.column_stack([np.interp(at, track.distances_m, axis) for axis in track.points.T])
 
 
 def _check_obstacles(spec: WorldSpec, source: str) -> None:
     for i, item in enumerate(spec.obstacles):
-        ring = getattr(item, "polygon", None)
-        if ring is not None and not shapely.Polygon(ring).is_valid:
-            raise WorldError(f"{source}: obstacles[{i}].polygon: its outline crosses itself; put the corners in order")
+        if isinstance(item, PolygonObstacle) and not shapely.Polygon(item.polygon).is_valid:
+            raise WorldError(f"{source}: obstacles[{i}].polygon: its outline crosses itself; reorder its corners")
 
 
-def _normals(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    along = np.gradient(line, axis=0)
-    along /= np.hypot(*along.T)[:, None]
-    return np.column_stack([-along[:, 1], along[:, 0]])
+def _extruded(solids: list[Solid]) -> list[Mesh]:
+    return [extrude(solid.outline, solid.bottom_m, solid.top_m) for solid in solids]
 
 
-def _chords(line: NDArray[np.float64], free_space: shapely.Polygon) -> NDArray[np.float64]:
-    """Return how wide the free space is across each point of a line, on the side-to-side chord through it."""
-    reach = 20.0 * _normals(line)
-    chords = shapely.intersection(shapely.linestrings(np.stack([line - reach, line + reach], axis=1)), free_space)
-    here = shapely.points(line)
-    widths = np.zeros(len(line))
-    for i, chord in enumerate(chords):
-        parts = [part for part in shapely.get_parts(chord) if part.distance(here[i]) < 1e-6]
-        widths[i] = max((part.length for part in parts), default=0.0)
-    return widths
-
-
-def _clear_widths(
-    line: NDArray[np.float64], widths: NDArray[np.float64], walls: shapely.MultiPolygon
-) -> NDArray[np.float64]:
-    """Return the widest gap that obstacles leave across the corridor at each point of its centre line."""
-    across = _normals(line) * (widths / 2 - 1e-3)[:, None]
-    chords = shapely.linestrings(np.stack([line - across, line + across], axis=1))
-    shapely.prepare(walls)
-    clear = widths.copy()
-    for i in np.flatnonzero(shapely.intersects(chords, walls)):
-        parts = shapely.get_parts(shapely.difference(chords[i], walls))
-        clear[i] = max((part.length + 1e-3 for part in parts), default=0.0)
-    return clear
-
-
-def _multi(outlines: list[shapely.Polygon]) -> shapely.MultiPolygon:
-    return shapely.MultiPolygon(polygons_of(shapely.union_all(outlines)))
+def _multi(solids: list[Solid]) -> shapely.MultiPolygon:
+    return shapely.MultiPolygon(polygons_of(shapely.union_all([solid.outline for solid in solids])))
 
 
 def _largest(shape: shapely.Geometry) -> shapely.Polygon:

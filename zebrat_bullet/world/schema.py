@@ -175,7 +175,9 @@ class WorldSpec(_Strict):
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
         if any(isinstance(item, Buttress) for item in self.obstacles):
             raise ValueError("a buttress stands on the wall of a `segments` track: use a box or polygon here")
-        if self.free_space is not None and (self.centre_line is None or self.open_line is None):
+        if (self.centre_line is None) != (self.open_line is None):
+            raise ValueError("centre_line and open_line go together: give both or neither")
+        if self.free_space is not None and self.centre_line is None:
             raise ValueError("`free_space` needs a centre_line and an open_line")
         if self.wall.boxes is not None and self.free_space is None:
             raise ValueError("wall.boxes go with `segments` or `free_space` only")

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import mapbox_earcut
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from zebrat_bullet.world.world import Mesh
 

@@ -1,4 +1,4 @@
-"""Segments of a corridor, laid end to end from the origin along +x: centre line, widths, and the space between walls."""
+"""Segments of a corridor, laid end to end from the origin along +x: centre line, widths, free space."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.schema import Straight, Turn
 
-SPACING_M = 0.05
+SPACING_M = 0.1
 GOAL_M = 1.0
 # Facets of 5 degrees stay within 2 mm of the true arc at a radius of 2 m.
 _FACET_RAD = math.radians(5.0)

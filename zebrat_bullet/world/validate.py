@@ -19,7 +19,9 @@ SCAN_RANGE_M = 6.0
 _LOOK_ASIDE_RAD = np.radians(np.arange(-45.0, 45.1, 5.0))
 # ... and must fire before the lidar is this far past the line.
 _FIRE_WITHIN_M = 1.0
-_CHUNK = 40
+# A lidar this near the line counts as on it.
+_ON_LINE_M = 0.01
+_CHUNK = 12
 
 
 def validate_world(world: World, robot: RobotModel, source: str) -> None:
@@ -96,9 +98,11 @@ def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
     if early is not None:
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
-            f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls or make the passage narrower there"
+            f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls or narrow the passage there"
         )
     exit_yaw = _headings(world.centre_line)[-1]
+    if shapely.LineString(world.centre_line).intersects(world.walls.intersection(_exit_gate(world.open_line, 0.2))):
+        raise WorldError(f"{source}: open_line: a wall stands across it on the centre line; open the way out there")
     out = np.array([math.cos(exit_yaw), math.sin(exit_yaw)])
     lidar = world.open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
     if not (open_width(lidar, np.full(20, exit_yaw), segments) > OPEN_WIDTH_M).any():
@@ -113,8 +117,9 @@ def _first_early(world: World, segments: NDArray[np.float64], ahead_m: float) ->
     line = world.centre_line
     yaws = _headings(line)[:, None] + _LOOK_ASIDE_RAD
     lidar = line[:, None] + ahead_m * np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
-    shapely.prepare(world.free_space)
-    inside = shapely.contains_xy(world.free_space, lidar[..., 0], lidar[..., 1])
+    before = world.free_space.difference(_exit_gate(world.open_line, _ON_LINE_M))
+    shapely.prepare(before)
+    inside = shapely.contains_xy(before, lidar[..., 0], lidar[..., 1])
     for begin in range(0, len(line), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         at, yaw = lidar[part][inside[part]], yaws[part][inside[part]]
@@ -129,6 +134,10 @@ def _first_early(world: World, segments: NDArray[np.float64], ahead_m: float) ->
             if early.any():
                 return at[free][early][0]
     return None
+
+
+def _exit_gate(open_line: NDArray[np.float64], reach_m: float) -> shapely.Polygon:
+    return shapely.LineString(open_line).buffer(reach_m, cap_style="flat")
 
 
 def wall_segments(walls: shapely.MultiPolygon) -> NDArray[np.float64]:

@@ -7,12 +7,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely import affinity
 
-from zebrat_bullet.world.schema import Boxes, Box, Buttress, Obstacle, PolygonObstacle, Post, Wall
+from zebrat_bullet.world.schema import Box, Boxes, Buttress, Obstacle, PolygonObstacle, Post, Wall
 from zebrat_bullet.world.solid import Solid, polygons_of
 from zebrat_bullet.world.track import Track
 
 # A mitred wall corner may reach this many thicknesses out; sharper ones are cut off.
 _MITRE_LIMIT = 2.0
+# Walls end this much before the open-space line, or rounding could leave a skin across it.
+_HAIR_M = 1e-3
 
 
 def wall_solids(free_space: shapely.Polygon, open_line: NDArray[np.float64], wall: Wall) -> list[Solid]:
@@ -30,7 +32,7 @@ def _beyond(open_line: NDArray[np.float64], thickness: float) -> shapely.Polygon
     along = along / np.hypot(*along)
     out = np.array([along[1], -along[0]])
     reach = (_MITRE_LIMIT + 1) * thickness
-    a, b = open_line[0] - reach * along, open_line[1] + reach * along
+    a, b = open_line[0] - reach * along - _HAIR_M * out, open_line[1] + reach * along - _HAIR_M * out
     return shapely.Polygon([a, a + reach * out, b + reach * out, b])
 
 
@@ -38,22 +40,24 @@ def _box_row(
     free_space: shapely.Polygon, open_line: NDArray[np.float64], outside: shapely.Geometry, wall: Wall, boxes: Boxes
 ) -> list[Solid]:
     rng = np.random.default_rng(boxes.seed)
-    corners = np.array(shapely.geometry.polygon.orient(free_space).exterior.coords)
+    corners = np.array(shapely.geometry.polygon.orient(free_space).exterior.coords)[:-1]
     exit_middle = shapely.Point(open_line.mean(axis=0))
     solids = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b, c in zip(corners, np.roll(corners, -1, axis=0), np.roll(corners, -2, axis=0), strict=True):
         if shapely.LineString([a, b]).distance(exit_middle) < 1e-3:
             continue
-        for begin, end, setback in _divide(math.dist(a, b), boxes, rng):
-            # The free space lies to the left of its boundary, so the boxes stand to the right.
-            along = (b - a) / math.dist(a, b)
-            out = np.array([along[1], -along[0]])
+        # The free space lies to the left of its boundary, so the boxes stand to the right.
+        along = (b - a) / math.dist(a, b)
+        out = np.array([along[1], -along[0]])
+        # A row runs on past an outer corner, or the next row would leave a slit there to see through.
+        outer_corner = along[0] * (c - b)[1] - along[1] * (c - b)[0] > 0
+        length = math.dist(a, b) + (wall.thickness_m if outer_corner else 0.0)
+        for begin, end, setback in _divide(length, boxes, rng):
             near, far = setback * out, (setback + wall.thickness_m) * out
-            outline = shapely.Polygon(
-                [a + begin * along + near, a + begin * along + far, a + end * along + far, a + end * along + near]
-            )
+            front, back = a + begin * along, a + end * along
+            outline = shapely.Polygon([front + near, front + far, back + far, back + near]).difference(outside)
             height = float(rng.uniform(*boxes.height_m))
-            solids += [Solid(part, 0.0, height) for part in polygons_of(outline.difference(outside))]
+            solids += [Solid(part, 0.0, height) for part in polygons_of(outline)]
     return solids
 
 
@@ -64,7 +68,9 @@ def _divide(length: float, boxes: Boxes, rng: np.random.Generator) -> list[tuple
         end = at + float(rng.uniform(*boxes.length_m))
         # A remainder too short for a box of its own goes to the last one.
         end = length if length - end < boxes.length_m[0] + boxes.gap_m[1] else end
-        row.append((at, end, float(rng.uniform(0.0, boxes.setback_m))))
+        # The boxes at both ends stand flush, so that rows meet without a slit.
+        inner = at > 0.0 and end < length
+        row.append((at, end, float(rng.uniform(0.0, boxes.setback_m)) if inner else 0.0))
         at = end + float(rng.uniform(*boxes.gap_m))
     return row
 

@@ -1,0 +1,128 @@
+"""Random tracks for training: laid from the same segments as the shipped ones, and checked by the same rules."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from zebrat_bullet.errors import WorldError
+from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.world.build import build_world
+from zebrat_bullet.world.schema import Buttress, Straight, Turn, WorldSpec
+from zebrat_bullet.world.validate import validate_world
+from zebrat_bullet.world.world import World
+
+_MAX_TRIES = 200
+_WIDEST_M = 2.0
+
+
+def generate_track(
+    rng: np.random.Generator,
+    *,
+    length_m: tuple[float, float] = (6.0, 15.0),
+    tightness: float = 0.6,
+    robot: RobotModel | None = None,
+    name: str = "generated",
+) -> World:
+    """Draw tracks until one is valid; the same state of `rng` gives the same track.
+
+    Args:
+        rng: all randomness comes from here.
+        length_m: shortest and longest course, from the closed end to the open-space line.
+        tightness: share of turns drawn from the tight ones (right-angled corners 1.1-1.4 m wide, U-turns of 1.2-1.5 m).
+        robot: the car that must fit; ZebraT if None.
+        name: of the world.
+
+    Raises:
+        WorldError: no valid track of that length in many tries; widen `length_m`.
+    """
+    robot = robot or load_robot("zebrat")
+    aim_m = float(rng.uniform(*length_m))
+    for _ in range(_MAX_TRIES):
+        spec = _draw(rng, aim_m, tightness, name)
+        try:
+            world = build_world(spec, Path(name))
+            validate_world(world, robot, name)
+        except WorldError:
+            continue
+        course = float(np.hypot(*np.diff(world.centre_line, axis=0).T).sum()) + spec.start.at_m - 1.0
+        if length_m[0] <= course <= length_m[1]:
+            return world
+    raise WorldError(f"{name}: length_m: no valid track of {length_m} m in {_MAX_TRIES} tries; widen the range")
+
+
+def _draw(rng: np.random.Generator, length: float, tightness: float, name: str) -> WorldSpec:
+    """Draw a chain of straights and turns of about the given length, not yet checked."""
+    width = _cm(rng.uniform(1.2, 1.7))
+    segments: list[Straight | Turn] = [Straight(straight=_cm(rng.uniform(2.4, 3.2)), width=width)]
+    travelled = segments[0].straight
+    while travelled < length - 2.0:
+        turn, width = _draw_turn(rng, tightness)
+        lead = _cm(rng.uniform(0.2, 0.8) + _extent(turn))
+        tail = _straights(rng, width, _extent(turn))
+        segments += [Straight(straight=lead, width=width), turn, *tail]
+        travelled += lead + abs(math.radians(turn.turn)) * turn.radius + sum(part.straight for part in tail)
+    last = segments[-1].width
+    segments.append(Straight(straight=_cm(rng.uniform(0.8, 1.6)), width=last))
+    return WorldSpec(
+        name=name, description="generated", segments=segments, obstacles=_draw_buttresses(rng, segments, travelled)
+    )
+
+
+def _draw_turn(rng: np.random.Generator, tightness: float) -> tuple[Turn, float]:
+    """Return a turn and the width of the corridor through it."""
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    if rng.random() < tightness:
+        kind = rng.random()
+        if kind < 0.4:
+            width = _cm(rng.uniform(1.1, 1.4))
+            return Turn(turn=90.0 * side, radius=0.0, width=width), width
+        if kind < 0.7:
+            width = _cm(rng.uniform(1.1, 1.4))
+            return Turn(turn=90.0 * side, radius=_cm(rng.uniform(max(0.75, width / 2 + 0.05), 1.1)), width=width), width
+        # Passable in one go: the outer corner of the car sweeps 1.36 m about the turning centre.
+        width = _cm(rng.uniform(1.2, 1.5))
+        radius = _cm(rng.uniform(max(width / 2 + 0.05, 1.42 - width / 2), 1.1))
+        return Turn(turn=180.0 * side, radius=radius, width=width), width
+    width = _cm(rng.uniform(1.1, 1.9))
+    if rng.random() < 0.5:
+        return Turn(turn=side * float(rng.choice([30.0, 45.0, 60.0])), radius=0.0, width=width), width
+    radius = _cm(rng.uniform(max(width / 2 + 0.05, 1.0), 1.8))
+    return Turn(turn=side * round(float(rng.uniform(30.0, 180.0))), radius=radius, width=width), width
+
+
+def _straights(rng: np.random.Generator, width: float, taken: float) -> list[Straight]:
+    """Return what follows a turn: a straight, often with a step in its width."""
+    first = Straight(straight=_cm(taken + rng.uniform(0.3, 1.2)), width=width)
+    if rng.random() < 0.5:
+        return [first]
+    stepped = _cm(np.clip(width + rng.uniform(-0.4, 0.4), 1.0, _WIDEST_M))
+    return [first, Straight(straight=_cm(rng.uniform(0.4, 1.6)), width=stepped)]
+
+
+def _draw_buttresses(rng: np.random.Generator, segments: list[Straight | Turn], travelled: float) -> list[Buttress]:
+    """Return up to one block that stands out of a wall of a wide straight and leaves at least 1.0 m."""
+    if rng.random() > 0.35:
+        return []
+    at, room = 0.0, []
+    for segment in segments:
+        run = segment.straight if isinstance(segment, Straight) else abs(math.radians(segment.turn)) * segment.radius
+        if isinstance(segment, Straight) and at > 2.5 and segment.width >= 1.25 and run >= 0.6:
+            room.append((at + run / 2, segment.width))
+        at += run
+    if not room:
+        return []
+    middle, width = room[int(rng.integers(len(room)))]
+    depth = _cm(rng.uniform(0.15, min(0.5, width - 1.05)))
+    side = "left" if rng.random() < 0.5 else "right"
+    return [Buttress(buttress=side, at_m=middle, length=0.3, depth=depth)]
+
+
+def _extent(turn: Turn) -> float:
+    """Return how much of the straights beside it a sharp corner takes."""
+    return 0.0 if turn.radius else turn.width / 2 * math.tan(abs(math.radians(turn.turn)) / 2)
+
+
+def _cm(value: float) -> float:
+    """Round up to whole centimetres, so that a generated track can be written down and built again."""
+    return math.ceil(float(value) * 100 - 1e-6) / 100
