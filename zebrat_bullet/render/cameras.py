@@ -22,27 +22,22 @@ class ChaseCamera:
         self._camera.SetViewUp(0.0, 0.0, 1.0)
         self._camera.SetViewAngle(46.0)
         self._camera.SetClippingRange(0.5, 40.0)
-        self._last: tuple[Pose2, float] | None = None
-        self._yaw = 0.0
+        self._pose: Pose2 | None = None
+        self._time_s = self._yaw = 0.0
 
     def follow(self, pose: Pose2, time_s: float) -> None:
         """Look at a car at `pose` at `time_s`; a jump in time or place starts afresh behind the car."""
-        self._yaw = pose.yaw if self._has_jumped(pose, time_s) else self._trailing_yaw(pose, time_s)
-        self._last = pose, time_s
+        share = 1.0 if self._has_jumped(pose, time_s) else 1.0 - math.exp((self._time_s - time_s) / _SETTLE_S)
+        self._yaw = wrap_angle(self._yaw + share * wrap_angle(pose.yaw - self._yaw))
+        self._pose, self._time_s = pose, time_s
         c, s = math.cos(self._yaw), math.sin(self._yaw)
         self._camera.SetPosition(pose.x - _BACK_M * c, pose.y - _BACK_M * s, _HEIGHT_M)
         self._camera.SetFocalPoint(pose.x + _AHEAD_M * c, pose.y + _AHEAD_M * s, 0.15)
 
     def _has_jumped(self, pose: Pose2, time_s: float) -> bool:
-        if self._last is None:
+        if self._pose is None or time_s < self._time_s:
             return True
-        last, last_time_s = self._last
-        return time_s < last_time_s or math.hypot(pose.x - last.x, pose.y - last.y) > _JUMP_M
-
-    def _trailing_yaw(self, pose: Pose2, time_s: float) -> float:
-        _, last_time_s = self._last
-        share = 1.0 - math.exp(-(time_s - last_time_s) / _SETTLE_S)
-        return wrap_angle(self._yaw + share * wrap_angle(pose.yaw - self._yaw))
+        return math.hypot(pose.x - self._pose.x, pose.y - self._pose.y) > _JUMP_M
 
 
 class TopCamera:

@@ -4,6 +4,7 @@ import numpy as np
 import trimesh
 import yourdfpy
 from numpy.typing import NDArray
+from trimesh.visual import ColorVisuals, TextureVisuals
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkRenderingCore import vtkActor
 
@@ -48,12 +49,12 @@ class _Part:
         faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)])
         self._data = triangles(np.concatenate([m.vertices for m in meshes]), faces)
         self._normals = np.concatenate([m.vertex_normals for m in meshes])
-        self._colors = np.concatenate([m.visual.vertex_colors[:, :3] for m in meshes])
+        self._colors = np.concatenate([_vertex_colors(m)[:, :3] for m in meshes])
         self.actor = unlit_actor(self._data)
 
     def place(self, world_from_link: NDArray[np.float64]) -> None:
         matrix = vtkMatrix4x4()
-        matrix.DeepCopy(world_from_link.ravel())
+        matrix.DeepCopy(world_from_link.ravel().tolist())
         self.actor.SetUserMatrix(matrix)
         set_colors(self._data, shade(self._colors, self._normals @ world_from_link[:3, :3].T))
 
@@ -85,8 +86,10 @@ def _shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 def _vertex_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
-    if mesh.visual.kind != "texture":
-        return mesh.visual.vertex_colors
-    if mesh.visual.uv is not None:
-        return mesh.visual.to_color().vertex_colors
-    return np.tile(mesh.visual.material.main_color, (len(mesh.vertices), 1))
+    visual = mesh.visual
+    if isinstance(visual, ColorVisuals):
+        return visual.vertex_colors
+    assert isinstance(visual, TextureVisuals)
+    if visual.uv is not None:
+        return visual.to_color().vertex_colors
+    return np.tile(visual.material.main_color, (len(mesh.vertices), 1))

@@ -67,7 +67,8 @@ class Hud:
         if gap_m is None:
             return
         x = _GAP[0] * self._width
-        color = tuple(round(255 * channel) for channel in gap_color(gap_m))
+        red, green, blue = gap_color(gap_m)
+        color = round(255 * red), round(255 * green), round(255 * blue)
         self._text(x, 0.24, "clearance", _MUTED, self._small)
         self._text(x, 0.53, f"{max(gap_m, 0.0):.2f} m", color, self._large)
 

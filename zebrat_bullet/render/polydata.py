@@ -82,7 +82,7 @@ def unlit_actor(
     actor.SetMapper(mapper)
     surface = actor.GetProperty()
     surface.LightingOff()
-    surface.SetColor(color)
+    surface.SetColor(*color)
     surface.SetOpacity(opacity)
     surface.SetLineWidth(size_px)
     surface.SetPointSize(size_px)

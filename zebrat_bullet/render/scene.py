@@ -109,7 +109,7 @@ class Scene:
         rim = on_floor(glow.exterior.coords[:-1], _GLOW_Z)
         self._glow.ShallowCopy(triangles(rim, [(0, i, i + 1) for i in range(1, len(rim) - 1)]))
         for actor in (self._glow_actor, self._outline_actor):
-            actor.GetProperty().SetColor(gap_color(frame.gap_m))
+            actor.GetProperty().SetColor(*gap_color(frame.gap_m))
 
     def _show_senses(self, frame: Frame) -> None:
         pose = frame.scan_pose or frame.pose
