@@ -1,0 +1,162 @@
+"""The gymnasium environment: contracts, independence, determinism, and what it refuses."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3.common.env_checker import check_env as sb3_check
+
+import zebrat_bullet  # noqa: F401 (registers the ids)
+from zebrat_bullet.assets import list_assets
+from zebrat_bullet.envs.registration import env_id
+from zebrat_bullet.envs.zebrat_env import ZebratEnv
+from zebrat_bullet.errors import ActionError, ConfigError
+
+
+def drive(env: gymnasium.Env, seed: int, n_steps: int) -> np.ndarray:
+    """Return observations, rewards and ends of a random drive, as rows."""
+    rng, rows = np.random.default_rng(seed), []
+    observation, _ = env.reset(seed=seed)
+    for _ in range(n_steps):
+        observation, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 2).astype(np.float32))
+        rows.append([*observation, reward, terminated, truncated])
+        if terminated or truncated:
+            observation, _ = env.reset()
+    return np.array(rows)
+
+
+def test_every_shipped_world_has_an_id():
+    assert env_id("big_track") == "ZebraT/BigTrack-v0" and env_id("track_1") == "ZebraT/Track1-v0"
+    for world in list_assets("worlds", ".yaml"):
+        assert env_id(world) in gymnasium.registry
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"discrete": True}, {"raw": True}], ids=["scaled", "discrete", "raw"])
+def test_both_checkers_pass(kwargs):
+    env = gymnasium.make("ZebraT/Track2-v0", caster="embree", **kwargs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if "raw" in kwargs:  # both checkers advise scaled spaces; the paper's SI values are asked for here
+            warnings.filterwarnings("ignore", message=".*(symmetric|normalize|normalise).*")
+        gymnasium_check(env.unwrapped, skip_render_check=True)
+        sb3_check(env.unwrapped)
+    env.close()
+
+
+def test_the_same_seed_gives_the_same_trajectory_bit_for_bit_also_in_another_process():
+    def digest() -> str:
+        env = ZebratEnv("track_2", caster="embree")
+        rows = drive(env, 3, 60)
+        env.close()
+        return rows.tobytes().hex()
+
+    here = digest()
+    assert digest() == here
+    code = "from tests.test_env import ZebratEnv, drive; e = ZebratEnv('track_2', caster='embree'); "
+    code += "print('rows', drive(e, 3, 60).tobytes().hex())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("rows ")[-1].strip() == here
+
+
+def test_an_episode_is_a_function_of_its_seed_and_number():
+    env = ZebratEnv(["track_1", "track_2"], caster="embree")
+    env.reset(seed=5)
+    env.reset()
+    third, info = env.reset()
+    jumped, jumped_info = env.reset(seed=5, options={"episode": 2})
+    assert np.array_equal(third, jumped) and info == jumped_info
+    env.close()
+
+
+def test_two_envs_in_one_process_do_not_touch_each_other():
+    alone = ZebratEnv("track_2", caster="bullet")
+    rows = drive(alone, 1, 25)
+    alone.close()
+    one, two = ZebratEnv("track_2", caster="bullet"), ZebratEnv("track_7", caster="bullet")
+    rng, again = np.random.default_rng(1), []
+    one.reset(seed=1)
+    two.reset(seed=9)
+    for _ in range(25):
+        observation, reward, terminated, truncated, _ = one.step(rng.uniform(-1, 1, 2).astype(np.float32))
+        again.append([*observation, reward, terminated, truncated])
+        if terminated or truncated:
+            one.reset()
+        two.step(np.array([1.0, 0.5], dtype=np.float32))
+    one.close()
+    two.close()
+    assert np.array_equal(rows, np.array(again))
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0.0], [np.inf, 0.0]])
+def test_a_non_finite_action_is_refused_and_not_simulated(action):
+    env = ZebratEnv("track_2", caster="embree")
+    env.reset(seed=0)
+    before = env.drive.state.pose
+    with pytest.raises(ActionError):
+        env.step(np.array(action))
+    assert env.drive.state.pose == before
+    env.close()
+
+
+def test_an_action_out_of_range_is_clipped():
+    ends = []
+    for action in ([1.0, -1.0], [9.0, -9.0]):
+        env = ZebratEnv("track_2", caster="embree")
+        env.reset(seed=0)
+        for _ in range(5):
+            env.step(np.array(action, dtype=np.float32))
+        ends.append(env.drive.state.pose)
+        env.close()
+    assert ends[0] == ends[1]
+
+
+def test_info_holds_every_term_and_the_reward_is_their_sum():
+    env = ZebratEnv("track_2", caster="embree", reward="fot")
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    assert set(info["terms"]) == {"F", "O", "M", "T"} and info["terms"]["M"] == 0.0
+    assert reward == pytest.approx(sum(info["terms"].values()))
+    env.close()
+
+
+def test_driving_into_the_wall_ends_in_a_collision_worth_minus_fifty():
+    env = ZebratEnv("track_2", caster="embree")
+    env.reset(seed=0)
+    for _ in range(60):
+        _, reward, terminated, truncated, info = env.step(np.array([1.0, 1.0], dtype=np.float32))
+        if terminated:
+            break
+    assert terminated and not truncated and info["outcome"] == "collision" and reward == -50.0
+    env.close()
+
+
+def test_standing_still_is_cut_off_as_a_stall_after_70_steps():
+    env = ZebratEnv("track_2", caster="embree")
+    env.reset(seed=0)
+    for n in range(1, 71):
+        _, _, terminated, truncated, info = env.step(np.zeros(2, dtype=np.float32))
+        assert (terminated, truncated) == (False, n == 70)
+    assert info["outcome"] == "stall" and not info["is_success"]
+    env.close()
+
+
+def test_rgb_array_draws_the_car():
+    env = gymnasium.make("ZebraT/Track2-v0", caster="embree", render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(10):
+        env.step(np.array([1.0, 0.0], dtype=np.float32))
+    second = env.render()
+    env.close()
+    assert first.shape == (480, 640, 3) and first.dtype == np.uint8
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 50 and (first != second).any()
+
+
+@pytest.mark.parametrize("kwargs", [{"reward": "xyz"}, {"render_mode": "human"}, {"world": []}, {"caster": "x"}])
+def test_bad_arguments_are_refused(kwargs):
+    with pytest.raises(ConfigError):
+        ZebratEnv(**kwargs)
