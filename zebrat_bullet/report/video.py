@@ -85,7 +85,7 @@ def _encode(
         size,
         fps=fps,
         codec="libx264",
-        quality=7,
+        quality=5.5,
         macro_block_size=2,
         output_params=["-preset", "veryfast", "-movflags", "+faststart"],
     )
