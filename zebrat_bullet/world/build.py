@@ -62,6 +62,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         waypoints=_waypoints(spec, track, begin_m),
         open_line=open_line,
         max_steps=spec.max_steps,
+        turns_deg=tuple(turn for at, turn in track.turns if at > begin_m) if track else (),
     )
 
 
@@ -139,7 +140,7 @@ def _waypoints(spec: WorldSpec, track: Track | None, begin_m: float) -> NDArray[
     """Return the file's waypoints, or points at the corners, between them, and 1 m past the open-space line."""
     if spec.waypoints is not None or track is None:
         return np.array(spec.waypoints or np.empty((0, 2)), dtype=float)
-    corners = [corner for corner in track.corners_m if corner > begin_m + 0.5]
+    corners = [at for at, _ in track.turns if at > begin_m + 0.5]
     at: list[float] = []
     for a, b in pairwise([begin_m, *corners, track.length_m + GOAL_M]):
         n = max(1, round((b - a) / _WAYPOINT_SPACING_M))

@@ -64,9 +64,7 @@ def _draw(rng: np.random.Generator, length: float, tightness: float, name: str) 
         travelled += lead + abs(math.radians(turn.turn)) * turn.radius + sum(part.straight for part in tail)
     last = segments[-1].width
     segments.append(Straight(straight=_cm(rng.uniform(0.8, 1.6)), width=last))
-    return WorldSpec(
-        name=name, description="generated", segments=segments, obstacles=_draw_buttresses(rng, segments, travelled)
-    )
+    return WorldSpec(name=name, description="generated", segments=segments, obstacles=_draw_buttresses(rng, segments))
 
 
 def _draw_turn(rng: np.random.Generator, tightness: float) -> tuple[Turn, float]:
@@ -93,29 +91,31 @@ def _draw_turn(rng: np.random.Generator, tightness: float) -> tuple[Turn, float]
 
 def _straights(rng: np.random.Generator, width: float, taken: float) -> list[Straight]:
     """Return what follows a turn: a straight, often with a step in its width."""
-    first = Straight(straight=_cm(taken + rng.uniform(0.3, 1.2)), width=width)
+    first = Straight(straight=_cm(taken + rng.uniform(0.5, 1.3)), width=width)
     if rng.random() < 0.5:
         return [first]
     stepped = _cm(np.clip(width + rng.uniform(-0.4, 0.4), 1.0, _WIDEST_M))
     return [first, Straight(straight=_cm(rng.uniform(0.4, 1.6)), width=stepped)]
 
 
-def _draw_buttresses(rng: np.random.Generator, segments: list[Straight | Turn], travelled: float) -> list[Buttress]:
-    """Return up to one block that stands out of a wall of a wide straight and leaves at least 1.0 m."""
-    if rng.random() > 0.35:
+def _draw_buttresses(rng: np.random.Generator, segments: list[Straight | Turn]) -> list[Buttress]:
+    """Return at most one block that stands out of a wall of a wide straight and leaves at least 1.05 m."""
+    if rng.random() > 0.5:
         return []
-    at, room = 0.0, []
-    for segment in segments:
+    at, places = 0.0, []
+    for i, segment in enumerate(segments):
         run = segment.straight if isinstance(segment, Straight) else abs(math.radians(segment.turn)) * segment.radius
-        if isinstance(segment, Straight) and at > 2.5 and segment.width >= 1.25 and run >= 0.6:
-            room.append((at + run / 2, segment.width))
+        corners = [_extent(turn) for turn in segments[max(i - 1, 0) : i + 2] if isinstance(turn, Turn)]
+        far_from_corners = run / 2 >= max(corners, default=0.0) + 0.5
+        if isinstance(segment, Straight) and i > 0 and segment.width >= 1.25 and far_from_corners:
+            places.append((at + run / 2, segment.width))
         at += run
-    if not room:
+    if not places:
         return []
-    middle, width = room[int(rng.integers(len(room)))]
-    depth = _cm(rng.uniform(0.15, min(0.5, width - 1.05)))
+    middle, width = places[int(rng.integers(len(places)))]
+    depth = _cm(rng.uniform(0.15, min(0.5, width - 1.06)))
     side = "left" if rng.random() < 0.5 else "right"
-    return [Buttress(buttress=side, at_m=middle, length=0.3, depth=depth)]
+    return [Buttress(buttress=side, at_m=_cm(middle), length=0.3, depth=depth)]
 
 
 def _extent(turn: Turn) -> float:

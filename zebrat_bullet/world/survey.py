@@ -11,6 +11,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.track import GOAL_M, Track, resample
 
+_LEAST_TURN_DEG = 10.0
 # Longer than any passage is wide.
 _REACH_M = 20.0
 
@@ -35,7 +36,8 @@ def survey(
     widths = np.empty(len(points))
     widths[inside] = _chords(points, free_space)[inside]
     widths[~inside] = widths[inside][-1]
-    track = Track(free_space, points, distances, widths, (), Pose2(0.0, 0.0, 0.0), length)
+    turns = tuple((at, turn) for at, turn in _turns(centre_line) if at < length)
+    track = Track(free_space, points, distances, widths, turns, Pose2(0.0, 0.0, 0.0), length)
     return replace(track, exit=track.pose_at(length))
 
 
@@ -59,6 +61,14 @@ def clear_widths(
         parts = shapely.get_parts(shapely.difference(chords[i], walls))
         clear[i] = max((part.length + hair for part in parts), default=0.0)
     return clear
+
+
+def _turns(line: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return (distance, degrees to the left) of the corners of a line."""
+    steps = np.diff(line, axis=0)
+    at = np.hypot(*steps.T).cumsum()[:-1]
+    turns = np.degrees(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))))
+    return [(float(a), float(turn)) for a, turn in zip(at, turns, strict=True) if abs(turn) > _LEAST_TURN_DEG]
 
 
 def _normals(line: NDArray[np.float64]) -> NDArray[np.float64]:

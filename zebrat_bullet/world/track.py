@@ -30,7 +30,7 @@ class Track:
         points: (N, 2) float64, centre line at most `SPACING_M` apart, from the closed end to the goal.
         distances_m: (N,) float64, distance of each point along the centre line.
         widths_m: (N,) float64, declared width there.
-        corners_m: distances of the corners (middle of a rounded turn).
+        turns: distance of each corner (middle of a rounded turn), and by how many degrees it turns left.
         exit: pose on the open-space line, looking out.
         length_m: from the closed end to the open-space line.
     """
@@ -39,7 +39,7 @@ class Track:
     points: NDArray[np.float64]
     distances_m: NDArray[np.float64]
     widths_m: NDArray[np.float64]
-    corners_m: tuple[float, ...]
+    turns: tuple[tuple[float, float], ...]
     exit: Pose2
     length_m: float
 
@@ -65,7 +65,7 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
     owners: list[int] = []
     line: list[tuple[float, float]] = [(0.0, 0.0)]
     line_widths: list[float] = []
-    corners: list[float] = []
+    turns: list[tuple[float, float]] = []
     travelled = 0.0
     for i, (segment, width) in enumerate(zip(segments, widths, strict=True)):
         if isinstance(segment, Straight):
@@ -81,7 +81,7 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
         elif segment.radius == 0:
             piece, course = _corner(pose, segment.turn, width, takes[i]), []
             pose = Pose2(pose.x, pose.y, pose.yaw + math.radians(segment.turn))
-            corners.append(travelled)
+            turns.append((travelled, segment.turn))
         else:
             if segment.radius < width / 2:
                 raise WorldError(
@@ -89,7 +89,7 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
                     "so the inner wall would cross itself; enlarge the radius, or 0 for a sharp corner"
                 )
             piece, course = _arc(pose, segment.turn, segment.radius, width)
-            corners.append(travelled + abs(math.radians(segment.turn)) * segment.radius / 2)
+            turns.append((travelled + abs(math.radians(segment.turn)) * segment.radius / 2, segment.turn))
         if piece is not None:
             pieces.append(piece)
             owners.append(i)
@@ -107,7 +107,7 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
     points, distances, at_widths = resample(
         np.array([*line, (goal.x, goal.y)]), np.array([*line_widths, line_widths[-1]])
     )
-    return Track(free_space, points, distances, at_widths, tuple(corners), pose, travelled)
+    return Track(free_space, points, distances, at_widths, tuple(turns), pose, travelled)
 
 
 def resample(

@@ -46,6 +46,7 @@ class World:
         open_line: (2, 2) float64, end points of the line where open space begins, ordered so that open space lies to
             the right when going from the first to the second; None where the world declares no exit.
         max_steps: overrides the time-out of the task, or None.
+        turns_deg: the turns of the centre line in order, left positive.
         source: what `load_world` was given: a shipped name or a path; empty for a world made in memory.
     """
 
@@ -61,6 +62,7 @@ class World:
     waypoints: NDArray[np.float64]
     open_line: NDArray[np.float64] | None
     max_steps: int | None = None
+    turns_deg: tuple[float, ...] = ()
     source: str = ""
 
     def past_open_line(self, x: float, y: float) -> bool:
