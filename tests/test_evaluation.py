@@ -1,0 +1,119 @@
+"""The judge: rates that add up, the same starts for every agent, records that replay exactly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig, from_json
+from zebrat_bullet.errors import AssetError, WorldError, ZebratError
+from zebrat_bullet.evaluation.judge import Judgement, judge, record_path
+from zebrat_bullet.evaluation.metrics import score, wilson_interval
+from zebrat_bullet.evaluation.records import load_record, save_record
+from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.types import Command, Reading
+from zebrat_bullet.world import load_world
+
+EMBREE = TaskConfig(lidar=LidarConfig(caster="embree"))
+
+
+class Straight:
+    """Drives straight ahead at full speed, and remembers whether it was shown the true state."""
+
+    name = "straight"
+    privileged: frozenset[str] = frozenset()
+
+    def __init__(self, privileged: frozenset[str] = frozenset()) -> None:
+        self.privileged = privileged
+        self.saw_state = False
+
+    def reset(self, seed: int) -> None:
+        pass
+
+    def act(self, reading: Reading) -> Command:
+        self.saw_state = reading.state is not None
+        return Command(0.6, 0.0)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    made = Drive(EMBREE, load_world("track_2"))
+    yield made
+    made.close()
+
+
+def test_wilson_interval_of_63_in_70_is_81_to_95_percent():
+    low, high = wilson_interval(63, 70)
+    assert (round(low, 2), round(high, 2)) == (0.81, 0.95)
+
+
+def test_rates_add_up_and_time_counts_successes_only(drive):
+    record = run_episode(drive, Straight(), 0, 0)
+    records = [replace(record, outcome=o) for o in ("success", "collision", "stall", "false_exit")]
+    records[0] = replace(records[0], time_s=np.array([0.0, 12.0]))
+    result = score(records)
+    assert result.success + result.collision + result.fail == 1.0
+    assert (result.success, result.collision, result.fail, result.time_s) == (0.25, 0.25, 0.5, 12.0)
+    assert score(records[1:]).time_s is None
+
+
+def test_every_agent_meets_the_same_starts(drive):
+    random = load_agent("random", EMBREE.physics)
+    for episode in range(3):
+        one, two = run_episode(drive, Straight(), 7, episode), run_episode(drive, random, 7, episode)
+        assert np.array_equal(one.pose[0], two.pose[0])
+    other = run_episode(drive, Straight(), 8, 0)
+    assert not np.array_equal(other.pose[0], run_episode(drive, Straight(), 7, 0).pose[0])
+
+
+def test_only_declared_privileges_are_shown(drive):
+    fair, privileged = Straight(), Straight(frozenset({"pose"}))
+    run_episode(drive, fair, 0, 0)
+    run_episode(drive, privileged, 0, 0)
+    assert not fair.saw_state and privileged.saw_state
+
+
+@pytest.mark.parametrize("caster", ["embree", "bullet"])
+def test_a_saved_record_replays_exactly_with_noise(tmp_path, caster):
+    task = replace(EMBREE, lidar=LidarConfig(caster=caster), noise=NoiseConfig(range_sigma_m=0.01, dropout=0.01))
+    world = load_world("track_2")
+    drive = Drive(task, world)
+    record = run_episode(drive, load_agent("random", task.physics), 3, 1)
+    drive.close()
+    save_record(record, tmp_path / "episode.npz")
+    loaded = load_record(tmp_path / "episode.npz")
+    assert loaded.outcome == record.outcome and np.array_equal(loaded.pose, record.pose)
+    fresh = Drive(from_json(TaskConfig, loaded.task), world)
+    again = replay_episode(fresh, loaded, world)
+    assert np.array_equal(again.scan_m, record.scan_m)
+    with pytest.raises(ZebratError, match="left the recorded path"):
+        replay_episode(fresh, replace(loaded, command=-loaded.command), world)
+    fresh.close()
+
+
+def test_a_file_that_is_no_record_is_refused(tmp_path):
+    (tmp_path / "x.npz").write_bytes(b"nothing")
+    with pytest.raises(ZebratError, match="not an episode record"):
+        load_record(tmp_path / "x.npz")
+
+
+def test_the_judge_writes_every_record_and_workers_do_not_change_the_result(tmp_path):
+    def run(workers: int):
+        what = Judgement(
+            agent="random", worlds=("track_1", "track_2"), episodes=6, workers=workers, records=tmp_path, task=EMBREE
+        )
+        return judge(what)
+
+    one, two = run(1), run(2)
+    assert one == two
+    assert all(record_path(tmp_path, world, k).is_file() for world in one for k in range(6))
+
+
+def test_a_missing_agent_or_world_is_named_before_anything_is_driven(tmp_path):
+    what = Judgement(agent="nobody", worlds=("track_1",), episodes=1, task=EMBREE)
+    with pytest.raises(AssetError, match="no agent 'nobody': name one of random"):
+        judge(what)
+    with pytest.raises((AssetError, WorldError), match="track_1"):
+        judge(replace(what, agent="random", worlds=("nowhere",)))
