@@ -1,6 +1,6 @@
 """What a world is like in a few numbers."""
 
-import numpy as np
+import shapely
 
 from zebrat_bullet.world.world import World
 
@@ -16,10 +16,12 @@ def world_summary(world: World) -> dict[str, object]:
     facts: dict[str, object] = {"name": world.name, "description": world.description}
     if len(line) == 0:
         return facts | {"length_m": None, "narrowest_m": None, "turns_deg": None}
-    past = np.array([world.past_open_line(float(x), float(y)) for x, y in line])
-    inside = line[~past]
+    course = shapely.LineString(line)
+    length = course.length
+    if world.open_line is not None:
+        length = shapely.line_locate_point(course, shapely.Point(world.open_line.mean(axis=0)))
     return facts | {
-        "length_m": round(float(np.hypot(*np.diff(inside, axis=0).T).sum()), 1),
+        "length_m": round(float(length), 1),
         "narrowest_m": round(float(world.widths_m.min()), 2),
         "turns_deg": [round(turn) for turn in world.turns_deg],
     }

@@ -99,7 +99,10 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
             travelled += float(np.hypot(*steps.T).sum())
             line += [(p.x, p.y) for p in course]
             line_widths += [width] * len(course)
-    _check_apart(pieces, owners, [takes[owner] > 0 for owner in owners], source)
+    # The way out must stay clear of the track too, as far as the goal and half a car beyond.
+    way_out = _strip(pose, 0.0, GOAL_M + 0.5, line_widths[-1])
+    sharp = [takes[owner] > 0 for owner in owners]
+    _check_apart([*pieces, way_out], [*owners, len(segments) - 1], [*sharp, False], source)
     # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
     grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
     free_space = grown.buffer(-_HAIR_M, join_style="mitre").simplify(_HAIR_M / 2)

@@ -101,8 +101,12 @@ def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
             f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls or narrow the passage there"
         )
     exit_yaw = _headings(world.centre_line)[-1]
-    if shapely.LineString(world.centre_line).intersects(world.walls.intersection(_exit_gate(world.open_line, 0.2))):
-        raise WorldError(f"{source}: open_line: a wall stands across it on the centre line; open the way out there")
+    past = shapely.LineString(world.centre_line).difference(world.free_space.buffer(_ON_LINE_M))
+    if past.buffer(float(np.ptp(robot.footprint_base[:, 1])) / 2).intersects(world.walls):
+        raise WorldError(
+            f"{source}: open_line: a wall stands in the way out between the line and the end of the centre line; "
+            "open the exit there or lead it elsewhere"
+        )
     out = np.array([math.cos(exit_yaw), math.sin(exit_yaw)])
     lidar = world.open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
     if not (open_width(lidar, np.full(20, exit_yaw), segments) > OPEN_WIDTH_M).any():
