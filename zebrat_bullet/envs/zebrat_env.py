@@ -95,14 +95,14 @@ class ZebratEnv(gymnasium.Env):
         self._n_episodes += 1
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
         reading = self.drive.reset(rng, world, options.get("pose"))
-        self._reading, self._path = reading, [self.drive.state.pose]
+        self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict[str, float]()
         return self.spec_observation.encode(reading), {"world": world.name, "pose": self.drive.state.pose}
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Drive one control step of 0.2 s; `info` holds every weighted reward term and, at the end, the outcome."""
         spec = self.spec_observation
         step = self.drive.step(spec.decode_discrete(action) if self._discrete else spec.decode(action))
-        self._reading = step.reading
+        self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
         ended = step.outcome is not None
         terminated = ended and step.outcome.terminal
@@ -116,14 +116,12 @@ class ZebratEnv(gymnasium.Env):
         """Return the (480, 640, 3) picture of the car now, or None without a render mode."""
         if self.render_mode is None:
             return None
-        from zebrat_bullet.render import live_frame  # VTK loads only for those who draw
+        from zebrat_bullet.render import Renderer, live_frame  # VTK loads only for those who draw
 
         if self._renderer is None or self._renderer.world is not self.drive.world:
             self._close_renderer()
-            from zebrat_bullet.render import Renderer
-
             self._renderer = Renderer(self.drive.robot, self.drive.world, *RENDER_SIZE)
-        return self._renderer.frame(live_frame(self.drive, self._reading, self._path))
+        return self._renderer.frame(live_frame(self.drive, self._reading, self._path, self._terms))
 
     @property
     def n_episodes(self) -> int:

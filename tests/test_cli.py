@@ -1,0 +1,72 @@
+"""The command line as a user meets it: one JSON object last, everything else on stderr, errors that say what to do."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ZEBRAT = Path(sys.executable).parent / "zebrat"
+
+
+def zebrat(*arguments: object, check: bool = True) -> subprocess.CompletedProcess:
+    return subprocess.run([ZEBRAT, *map(str, arguments)], capture_output=True, text=True, check=check)
+
+
+def result(*arguments: object) -> dict:
+    done = zebrat(*arguments, "--json")
+    assert len(done.stdout.splitlines()) == 1, done.stdout
+    return json.loads(done.stdout)
+
+
+def test_evaluate_prints_the_agreed_json_and_its_records_replay(tmp_path):
+    answer = result("evaluate", "--agent", "random", "--worlds", "track_2", "--episodes", 3, "--out", tmp_path)
+    world = answer["track_2"]
+    assert {"success", "collision", "fail", "success_ci", "time_s", "episodes", "caster", "seed"} <= set(world)
+    assert world["success"] + world["collision"] + world["fail"] == pytest.approx(1.0)
+    assert world["caster"] == "bullet" and world["episodes"] == 3 and world["seed"] == 0
+    assert json.loads((tmp_path / "scores.json").read_text()) == answer
+    assert "| track_2 |" in (tmp_path / "table.md").read_text()
+    replayed = result("replay", tmp_path / "records" / "track_2" / "episode_0001.npz")
+    assert replayed["exact"] is True
+
+
+def test_train_writes_a_run_that_evaluate_accepts(tmp_path):
+    settings = ("episodes=3", "hidden=[16,16]", "warmup_steps=20", "eval_every=2", "eval_episodes=1", "batch_size=16")
+    run = tmp_path / "run"
+    answer = result("train", "--worlds", "track_2", "--out", run, "--quiet", "--set", *settings)
+    assert answer["episodes"] == 3 and (run / "learning_curve.png").stat().st_size > 10_000
+    judged = result("evaluate", "--agent", run, "--worlds", "track_2", "--episodes", 1, "--out", tmp_path / "judged")
+    assert judged["track_2"]["episodes"] == 1
+
+
+def test_bench_splits_the_step_for_both_casters():
+    answer = result("bench", "--steps", 20, "--world", "track_2")
+    assert set(answer) == {"embree", "bullet"}
+    for part in answer.values():
+        assert part["steps_per_s"] > 0 and part["rtf"] == pytest.approx(0.2 * part["steps_per_s"])
+        assert part["full_ms"] > part["bare_rays_ms"] > 0
+
+
+def test_worlds_lists_and_draws(tmp_path):
+    answer = result("worlds", "track_1", "track_6", "--draw", "--out", tmp_path / "worlds.png")
+    assert set(answer) == {"track_1", "track_6"}
+    assert (tmp_path / "worlds.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("evaluate", "--agent", "nobody"), "no agent 'nobody': name one of"),
+        (("evaluate", "--agent", "random", "--worlds", "nowhere"), "nowhere"),
+        (("evaluate", "--agent", "random", "--episodes", "0"), "episodes must be at least 1"),
+        (("train", "--set", "bach_size=3", "--out", "/nonexistent/x"), "cannot set 'bach_size=3'"),
+        (("train", "--resume", "--out", "/nonexistent/x"), "holds no training run"),
+        (("replay", "/nonexistent/x.npz"), "not an episode record"),
+    ],
+)
+def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):
+    done = zebrat(*arguments, check=False)
+    assert done.returncode == 2 and done.stdout == ""
+    assert message in done.stderr and "Traceback" not in done.stderr
