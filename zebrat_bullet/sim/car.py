@@ -13,7 +13,8 @@ from zebrat_bullet.types import Pose2, RobotState
 
 # Collision filter groups. Rays and everything by default are in group 1, which the car ignores: a lidar ray never
 # stops at its own car. Wheels meet the floor only: steered, they stand out of the footprint that the car watches.
-GROUP_WALLS, GROUP_CAR, GROUP_FLOOR = 2, 4, 8
+# Two bodies meet when either one's mask has the other's group, so wheels and walls each leave out the other.
+GROUP_WALLS, GROUP_BODY, GROUP_FLOOR, GROUP_WHEELS = 2, 4, 8, 16
 _NOT_RAYS = ~1
 
 
@@ -45,8 +46,8 @@ class Car:
         if not np.allclose(com_rotation, (0, 0, 0, 1), atol=1e-6):
             raise RobotError(f"{self._robot.urdf_path}: give the root link's <inertial> an origin without rpy")
         for link in range(-1, self._client.getNumJoints(self.body_id)):
-            mask = GROUP_FLOOR if link in self._wheels else _NOT_RAYS
-            self._client.setCollisionFilterGroupMask(self.body_id, link, GROUP_CAR, mask)
+            filters = (GROUP_WHEELS, GROUP_FLOOR) if link in self._wheels else (GROUP_BODY, _NOT_RAYS)
+            self._client.setCollisionFilterGroupMask(self.body_id, link, *filters)
             self._client.changeDynamics(self.body_id, link, linearDamping=0.0, angularDamping=0.0)
 
     def reset(self, pose: Pose2) -> None:

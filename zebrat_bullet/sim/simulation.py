@@ -10,7 +10,7 @@ from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
-from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, Car
+from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, GROUP_WHEELS, Car
 from zebrat_bullet.sim.client import PhysicsClient, clear
 from zebrat_bullet.types import Command, Pose2, RobotState
 from zebrat_bullet.world.world import Mesh, World
@@ -41,16 +41,16 @@ class Simulation:
     def _build(self, world: World | None) -> None:
         """Make everything anew: PyBullet frees the memory of a removed body's mesh only when all is cleared."""
         clear(self._client, self._physics)
-        self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR)
+        self.floor_id = self._static_body(pybullet.GEOM_PLANE, GROUP_FLOOR, -1)
         self._car = Car(self._client, self._robot)
         self.car_id = self._car.body_id
         self.walls_id = _NO_BODY if world is None or not len(world.mesh.faces) else self._walls_body(world)
         self._world = world
 
-    def _static_body(self, shape_type: int, group: int, **shape: object) -> int:
+    def _static_body(self, shape_type: int, group: int, mask: int, **shape: object) -> int:
         shape_id = self._client.createCollisionShape(shape_type, **shape)
         body_id = self._client.createMultiBody(0.0, shape_id)
-        self._client.setCollisionFilterGroupMask(body_id, -1, group, -1)
+        self._client.setCollisionFilterGroupMask(body_id, -1, group, mask)
         self._client.changeDynamics(body_id, -1, lateralFriction=1.0)
         return body_id
 
@@ -69,6 +69,7 @@ class Simulation:
             return self._static_body(
                 pybullet.GEOM_MESH,
                 GROUP_WALLS,
+                ~GROUP_WHEELS,
                 vertices=vertices,
                 indices=indices,
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,

@@ -1,0 +1,126 @@
+"""The URDF says everything of the robot, and one that is no car is refused with a reason."""
+
+from pathlib import Path
+
+import numpy as np
+import pybullet
+import pytest
+import yourdfpy
+
+from zebrat_bullet.assets import asset_folder
+from zebrat_bullet.errors import AssetError, RobotError
+from zebrat_bullet.robot import RobotModel, load_robot
+
+SMALL_CAR = Path(__file__).parent / "data" / "small_car.urdf"
+
+
+def edited(tmp_path: Path, old: str, new: str, count: int = -1) -> Path:
+    """Return a copy of the small car's URDF in which `old` has become `new`."""
+    text = SMALL_CAR.read_text()
+    assert old in text
+    path = tmp_path / "edited.urdf"
+    path.write_text(text.replace(old, new, count))
+    return path
+
+
+def test_zebrat_has_the_dimensions_of_the_paper(robot: RobotModel) -> None:
+    assert robot.wheelbase_m == pytest.approx(0.560)
+    assert robot.track_m == pytest.approx(0.49)
+    assert robot.wheel_radius_m == pytest.approx(0.15)
+    assert robot.rear_axle_x_m == pytest.approx(-0.271)
+    np.testing.assert_allclose(robot.footprint_base, [[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])
+    np.testing.assert_allclose(robot.lidar_xyz_base, [0.4, 0.0, 0.75])
+    np.testing.assert_allclose(robot.lidar_rpy, 0.0)
+    assert robot.body_top_m == pytest.approx(0.47)
+    assert robot.knuckle_limit_rad > 0.774  # atan(0.56 / (0.56 / tan 0.6 - 0.245)), the inner knuckle at full lock
+
+
+def test_another_car_is_read_by_its_roles() -> None:
+    small = load_robot(SMALL_CAR)
+    assert (small.wheelbase_m, small.track_m, small.wheel_radius_m) == pytest.approx((0.32, 0.24, 0.06))
+    # A 0.48 x 0.30 box with a 0.20 wide bumper that stands out by 2 cm, counter-clockwise from the rear right.
+    outline = [[-0.24, -0.15], [0.24, -0.15], [0.26, -0.1], [0.26, 0.1], [0.24, 0.15], [-0.24, 0.15]]
+    np.testing.assert_allclose(small.footprint_base, outline, atol=1e-9)
+    np.testing.assert_allclose(small.lidar_rpy, [0.0, 0.1, 0.0], atol=1e-9)
+    assert small.body_top_m == pytest.approx(0.19)
+
+
+def test_a_collision_mesh_counts_like_a_box(tmp_path: Path) -> None:
+    corners = [(x, y, z) for x in (-0.24, 0.24) for y in (-0.15, 0.15) for z in (-0.07, 0.07)]
+    faces = [
+        (1, 2, 4),
+        (1, 4, 3),
+        (5, 7, 8),
+        (5, 8, 6),
+        (1, 5, 6),
+        (1, 6, 2),
+        (3, 4, 8),
+        (3, 8, 7),
+        (1, 3, 7),
+        (2, 6, 8),
+    ]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    (tmp_path / "body.obj").write_text("\n".join(lines))
+    path = edited(tmp_path, '<box size="0.48 0.30 0.14"/>', '<mesh filename="body.obj"/>')
+    np.testing.assert_allclose(load_robot(path).footprint_base, load_robot(SMALL_CAR).footprint_base, atol=1e-9)
+
+
+def test_missing_roles_are_named_with_all_that_is_needed(tmp_path: Path) -> None:
+    path = edited(tmp_path, "left_steering_hinge_joint", "left_kingpin")
+    with pytest.raises(RobotError, match=r"lacks the joints left_steering_hinge_joint; .*lidar_mount \(fixed\)"):
+        load_robot(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "count", "reason"),
+    [
+        ('"0.16 0.12 0.06"', '"0.16 0.13 0.06"', -1, "mirror"),
+        ('"0.16 ', '"0.17 ', 1, "mirror"),
+        ('radius="0.06"', 'radius="0.05"', 1, "one radius"),
+        (' 0.06"/>', ' 0.10"/>', -1, "on the floor"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', 1, "axis of left_rear_wheel_joint"),
+        ('type="revolute"', 'type="fixed"', 1, "make it revolute"),
+        ('effort="5"', 'effort="0"', 1, "effort and velocity"),
+        ('<parent link="left_knuckle"/>', '<parent link="base_footprint"/>', 1, "cannot steer"),
+        ('<cylinder radius="0.06" length="0.006"/>', '<box size="1 1 1"/>', 1, "a cylinder"),
+        ('<mass value="8"/>', '<mass value="0"/>', 1, "with a mass"),
+        ('<box size="0.48 0.30 0.14"/>', '<mesh filename="gone.obj"/>', 1, "no mesh at"),
+    ],
+)
+def test_contradictions_are_refused(tmp_path: Path, old: str, new: str, count: int, reason: str) -> None:
+    with pytest.raises(RobotError, match=reason):
+        load_robot(edited(tmp_path, old, new, count))
+
+
+def test_a_file_that_is_no_urdf_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "poem.urdf"
+    path.write_text("Tyger Tyger, burning bright")
+    with pytest.raises(RobotError, match="cannot be read as a URDF"):
+        load_robot(path)
+
+
+def test_an_unknown_name_lists_the_shipped_robots() -> None:
+    with pytest.raises(AssetError, match="zebrat"):
+        load_robot("no_such_robot")
+
+
+def test_every_visual_of_zebrat_loads_coloured() -> None:
+    path = asset_folder("urdf") / "zebrat.urdf"
+    urdf = yourdfpy.URDF.load(str(path), load_meshes=True)
+    n_visuals = sum(len(link.visuals) for link in urdf.link_map.values())
+    assert len(urdf.scene.geometry) == n_visuals > 20
+    assert all(visual.material is not None for link in urdf.link_map.values() for visual in link.visuals)
+    lower, upper = urdf.scene.bounds
+    assert lower[2] == pytest.approx(0.0, abs=0.005) and 0.75 < upper[2] < 0.85
+    assert np.all(lower[:2] >= (-0.501, -0.301)) and np.all(upper[:2] <= (0.501, 0.301))
+
+
+def test_pybullet_loads_zebrat_with_its_visuals() -> None:
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        car = pybullet.loadURDF(str(asset_folder("urdf") / "zebrat.urdf"), physicsClientId=client)
+        assert len(pybullet.getVisualShapeData(car, physicsClientId=client)) > 20
+        mass = sum(pybullet.getDynamicsInfo(car, i, physicsClientId=client)[0] for i in range(-1, 7))
+        assert mass == pytest.approx(100 + 0.83 + 2 * 1.0 + 4 * 1.5)
+    finally:
+        pybullet.disconnect(client)
