@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.schema import LOWEST_WALL_M, PolygonObstacle, StartSpec, WorldSpec
-from zebrat_bullet.world.solid import Solid, extrude, join, polygons_of
+from zebrat_bullet.world.solid import Solid, extrude, is_watertight, join, polygons_of
 from zebrat_bullet.world.sources import mesh_outlines, read_mesh, read_ros_map
 from zebrat_bullet.world.survey import clear_widths, point_outward, survey
 from zebrat_bullet.world.track import GOAL_M, Track, lay_track
@@ -49,10 +49,12 @@ def build_world(spec: WorldSpec, path: Path) -> World:
     walls = _multi(standing)
     begin_m = _start_distance(spec.start, track, source)
     line, widths = _from_start(track, begin_m) if track else (np.empty((0, 2)), np.empty(0))
+    whole = join(meshes + _extruded(obstacles))
+    assert is_watertight(whole), "extruded outlines are closed, and mesh files are checked when read"
     return World(
         name=spec.name,
         description=spec.description,
-        mesh=join(meshes + _extruded(obstacles)),
+        mesh=whole,
         walls=walls,
         low_obstacles=_multi([solid for solid in standing if solid.low]),
         free_space=_largest(free_space.difference(walls)) if obstacles else free_space,

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.world.schema import LOWEST_WALL_M, read_yaml
-from zebrat_bullet.world.solid import Solid, polygons_of
+from zebrat_bullet.world.solid import Solid, is_watertight, polygons_of
 from zebrat_bullet.world.world import Mesh
 
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".glb")
@@ -39,7 +39,7 @@ def read_mesh(path: Path) -> Mesh:
     """Read a mesh file in metres, z up, floor at z = 0; corner points at the same place are merged.
 
     Raises:
-        WorldError: the file holds no triangles.
+        WorldError: the file holds no triangles, or no closed bodies.
     """
     if not path.is_file():
         raise WorldError(f"{path}: mesh: no such file; correct the path, relative to the world file")
@@ -50,7 +50,13 @@ def read_mesh(path: Path) -> Mesh:
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise WorldError(f"{path}: mesh: holds no triangles; export surfaces, not curves or points")
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
-    return Mesh(np.array(loaded.vertices, dtype=np.float64), np.array(loaded.faces, dtype=np.int32))
+    mesh = Mesh(np.array(loaded.vertices, dtype=np.float64), np.array(loaded.faces, dtype=np.int32))
+    if not is_watertight(mesh):
+        raise WorldError(
+            f"{path}: mesh: not watertight, so a ray could pass through a wall; close its holes, merge double vertices "
+            "and turn all faces outward (in Blender: Fill Holes, Merge by Distance, Recalculate Normals)"
+        )
+    return mesh
 
 
 def mesh_outlines(mesh: Mesh) -> list[shapely.Polygon]:

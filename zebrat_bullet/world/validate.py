@@ -10,7 +10,6 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.solid import is_watertight
 from zebrat_bullet.world.world import Start, World
 
 OPEN_WIDTH_M = 8.0
@@ -35,11 +34,6 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     Raises:
         WorldError: names the file, the field and the remedy.
     """
-    if not is_watertight(world.mesh):
-        raise WorldError(
-            f"{source}: mesh: not watertight, so a ray could pass through a wall; close its holes, merge double "
-            "vertices and make all faces point outward (in Blender: Merge by Distance, Fill Holes, Recalculate Normals)"
-        )
     _check_start(world, robot, source)
     if len(world.centre_line):
         _check_passage(world, robot, source)
@@ -91,8 +85,7 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
 
 
 def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
-    seen = shapely.difference(world.walls, world.low_obstacles) if len(world.low_obstacles.geoms) else world.walls
-    segments = wall_segments(seen)
+    segments = wall_segments(world.walls.difference(world.low_obstacles))
     ahead_m = float(robot.lidar_xyz_base[0])
     early = _first_early(world, segments, ahead_m)
     if early is not None:
@@ -144,11 +137,9 @@ def _exit_gate(open_line: NDArray[np.float64], reach_m: float) -> shapely.Polygo
     return shapely.LineString(open_line).buffer(reach_m, cap_style="flat")
 
 
-def wall_segments(walls: shapely.MultiPolygon) -> NDArray[np.float64]:
+def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
     """Return the edges of all outlines as (S, 2, 2) end points."""
-    coordinates, owner = shapely.get_coordinates(
-        [ring for part in walls.geoms for ring in (part.exterior, *part.interiors)], return_index=True
-    )
+    coordinates, owner = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(walls)), return_index=True)
     same = owner[1:] == owner[:-1]
     return np.stack([coordinates[:-1][same], coordinates[1:][same]], axis=1)
 

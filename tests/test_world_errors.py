@@ -1,0 +1,104 @@
+"""A bad world file is refused with its name, the field at fault and what to do."""
+
+from pathlib import Path
+
+import pytest
+
+from zebrat_bullet.errors import AssetError, WorldError
+from zebrat_bullet.world import load_world
+
+HEAD = "name: bad\n"
+GOOD = HEAD + "segments:\n  - {straight: 4.0, width: 1.5}\n"
+LOOP = """segments:
+  - {straight: 4.0, width: 1.4}
+  - {turn: 90}
+  - {straight: 3.0, width: 1.4}
+  - {turn: 90}
+  - {straight: 2.5, width: 1.4}
+  - {turn: 90}
+  - {straight: 4.0, width: 1.4}
+"""
+HALL = """free_space:
+  - [[0, -1], [5, -1], [5, -7], [9, -7], [9, 7], [5, 7], [5, 1], [0, 1]]
+  - [[9, -1], [12, -1], [12, 1], [9, 1]]
+centre_line: [[0, 0], [14, 0]]
+open_line: [[12, -1], [12, 1]]
+start: {pose: [1.5, 0, 0]}
+"""
+BOW_TIE = """free_space: [[[0, -1], [4, 1], [4, -1], [0, 1]]]
+centre_line: [[0, 0], [6, 0]]
+open_line: [[4, -1], [4, 1]]
+start: {pose: [1.5, 0, 0]}
+"""
+CASES = {
+    "walls that cross": (HEAD + LOOP, "segments[6]", "lengthen"),
+    "a free space that crosses itself": (HEAD + BOW_TIE, "free_space[0]", "reorder"),
+    "a start in a wall": (GOOD + "start: {at_m: 0.4}\n", "start:", "move the start"),
+    "a start range that reaches a wall": (GOOD + "start: {range_y_m: 0.5}\n", "start:", "smaller"),
+    "a start past the end": (GOOD + "start: {at_m: 9}\n", "start.at_m", "lower"),
+    "a passage narrower than the car": (
+        GOOD + "  - {straight: 1.0, width: 0.55}\n  - {straight: 1.0, width: 1.5}\n",
+        "0.55 m wide",
+        "widen",
+    ),
+    "an obstacle that blocks the way": (
+        GOOD + "obstacles:\n  - {post: [3.0, 0.0], radius: 0.3}\n",
+        "width:",
+        "move the obstacle",
+    ),
+    "a low wall": (GOOD + "wall: {height_m: 0.5}\n", "wall.height_m", "0.8"),
+    "an undeclared low obstacle": (
+        GOOD + "obstacles:\n  - {box: [3, 0.5], size: [0.2, 0.2], height_m: 0.3}\n",
+        "obstacles[0]",
+        "low: true",
+    ),
+    "open space before the end": (HEAD + HALL, "open_line", "narrow the passage"),
+    "an exit beside a wall": (
+        GOOD + "obstacles:\n  - {box: [5.5, 1.2], size: [3, 0.2]}\n  - {box: [5.5, -1.2], size: [3, 0.2]}\n",
+        "open_line",
+        "away from the exit",
+    ),
+    "a blocked exit": (GOOD + "obstacles:\n  - {box: [4.6, -0.05], size: [0.2, 0.3]}\n", "open_line", "open the exit"),
+    "an unknown field": (GOOD + "colour: red\n", "colour", "remove it"),
+    "a missing width": (HEAD + "segments:\n  - {straight: 4.0}\n", "segments[0].width", "add it"),
+    "a negative length": (HEAD + "segments:\n  - {straight: -4.0, width: 1}\n", "segments[0].straight", "greater"),
+    "a segment of no kind": (HEAD + "segments:\n  - {length: 4.0}\n", "segments[0]", "`straight` or `turn`"),
+    "no geometry": (HEAD, "segments, free_space, mesh, map", "give exactly one"),
+    "a radius under half the width": (
+        GOOD + "  - {turn: 90, radius: 0.5, width: 1.5}\n  - {straight: 2.0, width: 1.5}\n",
+        "segments[1].radius",
+        "enlarge",
+    ),
+    "a straight shorter than its corners": (
+        GOOD + "  - {turn: 90}\n  - {straight: 0.5, width: 1.5}\n",
+        "segments[2].straight",
+        "lengthen",
+    ),
+    "a sharp turn at the end": (GOOD + "  - {turn: 90}\n", "segments[1]", "add one"),
+    "no mapping": ("- 1\n- 2\n", "list", "name:"),
+    "no YAML": ("name: [\n", "not readable as YAML", "mend"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_bad_world_is_refused_with_file_field_and_remedy(case: str, tmp_path: Path) -> None:
+    text, field, remedy = CASES[case]
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(WorldError) as caught:
+        load_world(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert field in message
+    assert remedy in message
+
+
+def test_the_plain_track_that_the_bad_ones_vary_is_good(tmp_path: Path) -> None:
+    path = tmp_path / "good.yaml"
+    path.write_text(GOOD)
+    assert load_world(str(path)).name == "bad"
+
+
+def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(AssetError, match="big_track"):
+        load_world("no_such_track")
