@@ -109,7 +109,8 @@ def test_every_visual_of_zebrat_loads_coloured() -> None:
     urdf = yourdfpy.URDF.load(str(path), load_meshes=True)
     n_visuals = sum(len(link.visuals) for link in urdf.link_map.values())
     assert len(urdf.scene.geometry) == n_visuals > 20
-    assert all(visual.material is not None for link in urdf.link_map.values() for visual in link.visuals)
+    colours = {tuple(mesh.visual.face_colors[0]) for mesh in urdf.scene.geometry.values()}
+    assert len(colours) == 8
     lower, upper = urdf.scene.bounds
     assert lower[2] == pytest.approx(0.0, abs=0.005) and 0.75 < upper[2] < 0.85
     assert np.all(lower[:2] >= (-0.501, -0.301)) and np.all(upper[:2] <= (0.501, 0.301))
