@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from statistics import median
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -51,9 +52,9 @@ def _bench(world: str, n_steps: int, seed: int, task: TaskConfig) -> dict[str, f
     env.reset(seed=seed)
     samples: dict[str, list[float]] = {}
 
-    def timed(name: str, call: Callable[[], object]) -> object:
+    def timed(name: str, call: Callable[..., Any], *arguments: object) -> Any:
         began = time.perf_counter()
-        answer = call()
+        answer = call(*arguments)
         samples.setdefault(name, []).append(time.perf_counter() - began)
         return answer
 
@@ -64,11 +65,11 @@ def _bench(world: str, n_steps: int, seed: int, task: TaskConfig) -> dict[str, f
     for _ in range(n_steps + WARMUP_STEPS):
         action = np.array([0.8, rng.uniform(-1.0, 1.0)], dtype=np.float32)
         command = env.spec_observation.decode(action)
-        _, _, terminated, truncated, _ = timed("full", lambda action=action: env.step(action))
+        _, _, terminated, truncated, _ = timed("full", env.step, action)
         timed("bare_rays", drive.lidar.caster.trace)
-        timed("physics", lambda command=command: drive.sim.step(command))
-        sweep = timed("rays", lambda: drive.lidar.sweep(drive.state, rng))
-        timed("flatten", lambda sweep=sweep: drive.lidar.flat(sweep))
+        timed("physics", drive.sim.step, command)
+        sweep = timed("rays", drive.lidar.sweep, drive.state, rng)
+        timed("flatten", drive.lidar.flat, sweep)
         timed("bare_physics", bare_physics)
         if terminated or truncated:
             env.reset()

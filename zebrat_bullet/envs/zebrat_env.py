@@ -105,7 +105,7 @@ class ZebratEnv(gymnasium.Env):
         self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
         ended = step.outcome is not None
-        terminated = ended and step.outcome.terminal
+        terminated = step.outcome is not None and step.outcome.terminal
         info: dict[str, Any] = {"terms": step.terms, "world": self.drive.world.name}
         if ended:
             info["outcome"] = str(step.outcome)

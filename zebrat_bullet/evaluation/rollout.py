@@ -33,7 +33,9 @@ def run_episode(
     """
     agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
     reading = drive.reset(np.random.default_rng([seed, episode]), world)
-    readings, states, commands, steps = [reading], [drive.state], [], []
+    readings, states = [reading], [drive.state]
+    commands: list[Command] = []
+    steps: list[DriveStep] = []
     while not steps or steps[-1].outcome is None:
         command = agent.act(_with_privileges(reading, drive.state, agent))
         step = drive.step(command)

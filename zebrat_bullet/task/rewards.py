@@ -32,7 +32,7 @@ class RewardInput:
 
 
 def _discounts(n: int, discount: float) -> NDArray[np.float64]:
-    return discount ** np.arange(n)
+    return np.power(discount, np.arange(n, dtype=np.float64))
 
 
 def forward_term(step: RewardInput) -> float:

@@ -52,5 +52,5 @@ def load_checkpoint(folder: Path, env: Any) -> tuple[PaperDDPG, dict[str, Any]]:
 
 
 def _numpy_state() -> list[Any]:
-    name, keys, *rest = np.random.get_state()
-    return [name, keys.tolist(), *rest]
+    name, keys, *rest = np.random.get_state(legacy=True)
+    return [name, np.asarray(keys).tolist(), *rest]

@@ -55,6 +55,7 @@ class PaperDDPG(DDPG):
         if self.num_timesteps < learning_starts:
             action = uniform
         else:
+            assert self._last_obs is not None  # SB3 resets the environments before the first rollout
             policy, _ = self.predict(self._last_obs, deterministic=True)
             noisy = np.clip(policy + self.rng.normal(0.0, self.sigma, policy.shape), -1.0, 1.0)
             explore = self.rng.random((n_envs, 1)) < self.epsilon

@@ -5,8 +5,10 @@ import platform
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -65,7 +67,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     torch.set_float32_matmul_precision(config.matmul_precision)
     eval_worlds, train_worlds = _worlds(config)
     envs = [ZebratEnv(train_worlds, task=config.task) for _ in range(config.n_envs)]
-    vec_env = DummyVecEnv([lambda env=env: Monitor(env) for env in envs])
+    vec_env = DummyVecEnv([partial(Monitor, env) for env in envs])
     observation = envs[0].spec_observation
     judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
     if resume:
@@ -109,7 +111,7 @@ def _versions() -> dict[str, object]:
     }
 
 
-def summarise(folder: Path) -> dict[str, object]:
+def summarise(folder: Path) -> dict[str, Any]:
     """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
     episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
     evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS).rows()
