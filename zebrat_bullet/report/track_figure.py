@@ -48,7 +48,8 @@ def draw_worlds(worlds: Sequence[World], path: Path, footprint: NDArray[np.float
 
 def _bounds(world: World) -> tuple[float, float, float, float]:
     shown = [world.walls, shapely.MultiPoint(world.waypoints)] if len(world.waypoints) else [world.walls]
-    return shapely.GeometryCollection(shown).bounds
+    bounds: tuple[float, float, float, float] = shapely.GeometryCollection(shown).bounds
+    return bounds
 
 
 def _size(world: World) -> tuple[float, float]:

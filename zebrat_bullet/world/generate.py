@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.schema import Buttress, Straight, Turn, WorldSpec
+from zebrat_bullet.world.track import corner_extent
 from zebrat_bullet.world.validate import validate_world
 from zebrat_bullet.world.world import World
 
@@ -53,17 +55,17 @@ def generate_track(
 
 def _draw(rng: np.random.Generator, length: float, tightness: float, name: str) -> WorldSpec:
     """Draw a chain of straights and turns of about the given length, not yet checked."""
-    width = _cm(rng.uniform(1.2, 1.7))
-    segments: list[Straight | Turn] = [Straight(straight=_cm(rng.uniform(2.4, 3.2)), width=width)]
-    travelled = segments[0].straight
+    first = Straight(straight=_cm(rng.uniform(2.4, 3.2)), width=_cm(rng.uniform(1.2, 1.7)))
+    segments: list[Straight | Turn] = [first]
+    travelled, last_width = first.straight, first.width
     while travelled < length - 2.0:
         turn, width = _draw_turn(rng, tightness)
-        lead = _cm(rng.uniform(0.2, 0.8) + _extent(turn))
-        tail = _straights(rng, width, _extent(turn))
+        lead = _cm(rng.uniform(0.2, 0.8) + corner_extent(turn, width))
+        tail = _straights(rng, width, corner_extent(turn, width))
         segments += [Straight(straight=lead, width=width), turn, *tail]
+        last_width = tail[-1].width
         travelled += lead + abs(math.radians(turn.turn)) * turn.radius + sum(part.straight for part in tail)
-    last = segments[-1].width
-    segments.append(Straight(straight=_cm(rng.uniform(0.8, 1.6)), width=last))
+    segments.append(Straight(straight=_cm(rng.uniform(0.8, 1.6)), width=last_width))
     return WorldSpec(name=name, description="generated", segments=segments, obstacles=_draw_buttresses(rng, segments))
 
 
@@ -98,29 +100,24 @@ def _straights(rng: np.random.Generator, width: float, taken: float) -> list[Str
     return [first, Straight(straight=_cm(rng.uniform(0.4, 1.6)), width=stepped)]
 
 
-def _draw_buttresses(rng: np.random.Generator, segments: list[Straight | Turn]) -> list[Buttress]:
+def _draw_buttresses(rng: np.random.Generator, segments: list[Straight | Turn]) -> tuple[Buttress, ...]:
     """Return at most one block that stands out of a wall of a wide straight and leaves at least 1.05 m."""
     if rng.random() > 0.5:
-        return []
+        return ()
     at, places = 0.0, []
     for i, segment in enumerate(segments):
         run = segment.straight if isinstance(segment, Straight) else abs(math.radians(segment.turn)) * segment.radius
-        corners = [_extent(turn) for turn in segments[max(i - 1, 0) : i + 2] if isinstance(turn, Turn)]
-        far_from_corners = run / 2 >= max(corners, default=0.0) + 0.5
+        corners = [corner_extent(beside, beside.width or 0.0) for beside in segments[max(i - 1, 0) : i + 2]]
+        far_from_corners = run / 2 >= max(corners) + 0.5
         if isinstance(segment, Straight) and i > 0 and segment.width >= 1.25 and far_from_corners:
             places.append((at + run / 2, segment.width))
         at += run
     if not places:
-        return []
+        return ()
     middle, width = places[int(rng.integers(len(places)))]
     depth = _cm(rng.uniform(0.15, min(0.5, width - 1.06)))
-    side = "left" if rng.random() < 0.5 else "right"
-    return [Buttress(buttress=side, at_m=_cm(middle), length=0.3, depth=depth)]
-
-
-def _extent(turn: Turn) -> float:
-    """Return how much of the straights beside it a sharp corner takes."""
-    return 0.0 if turn.radius else turn.width / 2 * math.tan(abs(math.radians(turn.turn)) / 2)
+    side: Literal["left", "right"] = "left" if rng.random() < 0.5 else "right"
+    return (Buttress(buttress=side, at_m=_cm(middle), length=0.3, depth=depth),)
 
 
 def _cm(value: float) -> float:

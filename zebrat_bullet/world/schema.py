@@ -158,7 +158,7 @@ class WorldSpec(_Strict):
     centre_line: Annotated[list[Point], Field(min_length=2)] | None = None
     open_line: tuple[Point, Point] | None = None
     start: StartSpec = StartSpec()
-    obstacles: list[Obstacle] = []
+    obstacles: tuple[Obstacle, ...] = ()
     waypoints: Annotated[list[Point], Field(min_length=1)] | None = None
     max_steps: Annotated[int, Field(ge=1)] | None = None
 

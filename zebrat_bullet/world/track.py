@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -58,59 +59,29 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
     Raises:
         WorldError: a segment does not fit its neighbours, or the track runs into itself.
     """
-    widths = _widths(segments, source)
-    takes = [_corner_extent(segment, width) for segment, width in zip(segments, widths, strict=True)]
-    pose = Pose2(0.0, 0.0, 0.0)
-    pieces: list[shapely.Polygon] = []
-    owners: list[int] = []
-    line: list[tuple[float, float]] = [(0.0, 0.0)]
-    line_widths: list[float] = []
-    turns: list[tuple[float, float]] = []
-    travelled = 0.0
+    _check_order(segments, source)
+    widths = _widths(segments)
+    takes = [0.0, *(corner_extent(segment, width) for segment, width in zip(segments, widths, strict=True)), 0.0]
+    pose, travelled = Pose2(0.0, 0.0, 0.0), 0.0
+    line, line_widths = [pose], []
+    laid, turns = [], []
     for i, (segment, width) in enumerate(zip(segments, widths, strict=True)):
-        if isinstance(segment, Straight):
-            before = takes[i - 1] if i > 0 else 0.0
-            after = takes[i + 1] if i + 1 < len(segments) else 0.0
-            if segment.straight < before + after - 1e-9:
-                raise WorldError(
-                    f"{source}: segments[{i}].straight: {segment.straight} m is shorter than the "
-                    f"{before + after:.2f} m that its sharp corners take; lengthen it or give the turns a radius"
-                )
-            piece = _strip(pose, before, segment.straight - after, width)
-            course = [_ahead(pose, segment.straight)]
-        elif segment.radius == 0:
-            piece, course = _corner(pose, segment.turn, width, takes[i]), []
-            pose = Pose2(pose.x, pose.y, pose.yaw + math.radians(segment.turn))
-            turns.append((travelled, segment.turn))
-        else:
-            if segment.radius < width / 2:
-                raise WorldError(
-                    f"{source}: segments[{i}].radius: {segment.radius} m is less than half the width {width} m, "
-                    "so the inner wall would cross itself; enlarge the radius, or 0 for a sharp corner"
-                )
-            piece, course = _arc(pose, segment.turn, segment.radius, width)
-            turns.append((travelled + abs(math.radians(segment.turn)) * segment.radius / 2, segment.turn))
+        _check_fit(segment, width, takes[i] + takes[i + 2], f"{source}: segments[{i}]")
+        piece, course, pose = _lay(segment, width, pose, takes[i], takes[i + 1], takes[i + 2])
+        run = sum(math.dist((a.x, a.y), (b.x, b.y)) for a, b in pairwise([line[-1], *course]))
+        if isinstance(segment, Turn):
+            turns.append((travelled + run / 2, segment.turn))
         if piece is not None:
-            pieces.append(piece)
-            owners.append(i)
-        if course:
-            pose = course[-1]
-            steps = np.diff([line[-1], *((p.x, p.y) for p in course)], axis=0)
-            travelled += float(np.hypot(*steps.T).sum())
-            line += [(p.x, p.y) for p in course]
-            line_widths += [width] * len(course)
+            laid.append((i, piece))
+        travelled += run
+        line += course
+        line_widths += [width] * len(course)
     # The way out must stay clear of the track too, as far as the goal and half a car beyond.
     way_out = _strip(pose, 0.0, GOAL_M + 0.5, line_widths[-1])
-    sharp = [takes[owner] > 0 for owner in owners]
-    _check_apart([*pieces, way_out], [*owners, len(segments) - 1], [*sharp, False], source)
-    # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
-    grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
-    free_space = grown.buffer(-_HAIR_M, join_style="mitre").simplify(_HAIR_M / 2)
-    goal = _ahead(pose, GOAL_M)
-    points, distances, at_widths = resample(
-        np.array([*line, (goal.x, goal.y)]), np.array([*line_widths, line_widths[-1]])
-    )
-    return Track(free_space, points, distances, at_widths, tuple(turns), pose, travelled)
+    _check_apart([*laid, (len(segments) - 1, way_out)], takes[1:-1], source)
+    corners = np.array([(p.x, p.y) for p in [*line, _ahead(pose, GOAL_M)]])
+    points, distances, at_widths = resample(corners, np.array([*line_widths, line_widths[-1]]))
+    return Track(_joined([piece for _, piece in laid]), points, distances, at_widths, tuple(turns), pose, travelled)
 
 
 def resample(
@@ -131,8 +102,14 @@ def resample(
     return joined, distances, np.concatenate(values)
 
 
-def _widths(segments: Sequence[Straight | Turn], source: str) -> list[float]:
-    """Return a width for every segment; a turn without one is as wide as its wider neighbour."""
+def corner_extent(segment: Straight | Turn, width: float) -> float:
+    """Return how much of each neighbouring straight a sharp corner takes up."""
+    if isinstance(segment, Straight) or segment.radius > 0:
+        return 0.0
+    return width / 2 * math.tan(abs(math.radians(segment.turn)) / 2)
+
+
+def _check_order(segments: Sequence[Straight | Turn], source: str) -> None:
     for i, segment in enumerate(segments):
         sharp = isinstance(segment, Turn) and segment.radius == 0
         sides = [segments[j] for j in (i - 1, i + 1) if 0 <= j < len(segments)]
@@ -140,19 +117,54 @@ def _widths(segments: Sequence[Straight | Turn], source: str) -> list[float]:
             raise WorldError(f"{source}: segments[{i}]: a sharp turn stands between two straights; add one beside it")
     if not isinstance(segments[0], Straight) or not isinstance(segments[-1], Straight):
         raise WorldError(f"{source}: segments: a track begins and ends with a straight; add one")
-    widths = [segment.width for segment in segments]
-    for i, width in enumerate(widths):
-        if width is None:
-            sides = [w for w in (widths[i - 1], segments[i + 1].width) if w is not None]
-            widths[i] = max(sides)
+
+
+def _check_fit(segment: Straight | Turn, width: float, taken: float, where: str) -> None:
+    """Refuse a straight shorter than what the sharp corners beside it take, or a turn tighter than its inner wall."""
+    if isinstance(segment, Straight) and segment.straight < taken - 1e-9:
+        raise WorldError(
+            f"{where}.straight: {segment.straight} m is shorter than the {taken:.2f} m that its sharp corners take; "
+            "lengthen it or give the turns a radius"
+        )
+    if isinstance(segment, Turn) and 0 < segment.radius < width / 2:
+        raise WorldError(
+            f"{where}.radius: {segment.radius} m is less than half the width {width} m, so the inner wall would cross "
+            "itself; enlarge the radius, or 0 for a sharp corner"
+        )
+
+
+def _widths(segments: Sequence[Straight | Turn]) -> list[float]:
+    """Return a width for every segment; a turn without one is as wide as its wider neighbour."""
+    widths: list[float] = []
+    for i, segment in enumerate(segments):
+        # The first and the last segment are straights, and so have a width.
+        widths.append(segment.width or max(widths[-1], segments[i + 1].width or 0.0))
     return widths
 
 
-def _corner_extent(segment: Straight | Turn, width: float) -> float:
-    """Return how much of each neighbouring straight a sharp corner takes up."""
-    if isinstance(segment, Straight) or segment.radius > 0:
-        return 0.0
-    return width / 2 * math.tan(abs(math.radians(segment.turn)) / 2)
+def _lay(
+    segment: Straight | Turn, width: float, pose: Pose2, before: float, extent: float, after: float
+) -> tuple[shapely.Polygon | None, list[Pose2], Pose2]:
+    """Return the ground of a segment, the centre line that it adds, and the pose at its end.
+
+    Args:
+        segment, width, pose: what to lay, and where it begins.
+        before, extent, after: how much of straights the corner before it, it itself, and the one after it take.
+    """
+    if isinstance(segment, Straight):
+        end = _ahead(pose, segment.straight)
+        return _strip(pose, before, segment.straight - after, width), [end], end
+    if segment.radius == 0:
+        end = Pose2(pose.x, pose.y, pose.yaw + math.radians(segment.turn))
+        return _corner(pose, segment.turn, width, extent), [], end
+    piece, course = _arc(pose, segment.turn, segment.radius, width)
+    return piece, course, course[-1]
+
+
+def _joined(pieces: list[shapely.Polygon]) -> shapely.Polygon:
+    # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
+    grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
+    return grown.buffer(-_HAIR_M, join_style="mitre").simplify(_HAIR_M / 2)
 
 
 def _ahead(pose: Pose2, distance: float, left: float = 0.0) -> Pose2:
@@ -200,12 +212,14 @@ def _arc(pose: Pose2, turn_deg: float, radius: float, width: float) -> tuple[sha
     return _polygon(rims[0] + rims[2][::-1]), rims[1][1:]
 
 
-def _check_apart(pieces: list[shapely.Polygon], owners: list[int], sharp: list[bool], source: str) -> None:
+def _check_apart(laid: list[tuple[int, shapely.Polygon]], takes: list[float], source: str) -> None:
     """Refuse a track of which two parts that do not follow each other overlap or share a wall too thin to build."""
-    shapes = np.array(pieces)
+    owners = [owner for owner, _ in laid]
+    sharp = np.array([takes[owner] > 0 for owner in owners])
+    shapes = np.array([piece for _, piece in laid])
     first, second = np.triu_indices(len(shapes), k=2)
     # The two straights of a sharp corner meet in its inner corner point: they may touch, but not overlap.
-    joined = (second - first == 2) & np.array(sharp)[first + 1]
+    joined = (second - first == 2) & sharp[(first + second) // 2]
     bad = np.zeros(len(first), dtype=bool)
     bad[joined] = shapely.area(shapely.intersection(shapes[first[joined]], shapes[second[joined]])) > 1e-6
     bad[~joined] = shapely.distance(shapes[first[~joined]], shapes[second[~joined]]) < _THINNEST_WALL_M

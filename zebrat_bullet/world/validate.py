@@ -38,7 +38,7 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     if len(world.centre_line):
         _check_passage(world, robot, source)
     if len(world.centre_line) and world.open_line is not None:
-        _check_open_space(world, robot, source)
+        _check_open_space(world, world.open_line, robot, source)
 
 
 def start_area(start: Start, footprint_base: NDArray[np.float64]) -> shapely.Polygon:
@@ -84,10 +84,10 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
         )
 
 
-def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
+def _check_open_space(world: World, open_line: NDArray[np.float64], robot: RobotModel, source: str) -> None:
     segments = wall_segments(world.walls.difference(world.low_obstacles))
     ahead_m = float(robot.lidar_xyz_base[0])
-    early = _first_early(world, segments, ahead_m)
+    early = _first_early(world, open_line, segments, ahead_m)
     if early is not None:
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
@@ -101,7 +101,7 @@ def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
             "open the exit there or lead it elsewhere"
         )
     out = np.array([math.cos(exit_yaw), math.sin(exit_yaw)])
-    lidar = world.open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
+    lidar = open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
     if not (open_width(lidar, np.full(20, exit_yaw), segments) > OPEN_WIDTH_M).any():
         raise WorldError(
             f"{source}: open_line: within {_FIRE_WITHIN_M} m past the line left + right stays under {OPEN_WIDTH_M} m, "
@@ -109,12 +109,14 @@ def _check_open_space(world: World, robot: RobotModel, source: str) -> None:
         )
 
 
-def _first_early(world: World, segments: NDArray[np.float64], ahead_m: float) -> NDArray[np.float64] | None:
+def _first_early(
+    world: World, open_line: NDArray[np.float64], segments: NDArray[np.float64], ahead_m: float
+) -> NDArray[np.float64] | None:
     """Return a lidar position before the open-space line where open space is seen, or None."""
     line = world.centre_line
     yaws = _headings(line)[:, None] + _LOOK_ASIDE_RAD
     lidar = line[:, None] + ahead_m * np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
-    before = world.free_space.difference(_exit_gate(world.open_line, _ON_LINE_M))
+    before = world.free_space.difference(_exit_gate(open_line, _ON_LINE_M))
     shapely.prepare(before)
     inside = shapely.contains_xy(before, lidar[..., 0], lidar[..., 1])
     for begin in range(0, len(line), _CHUNK):
@@ -129,7 +131,8 @@ def _first_early(world: World, segments: NDArray[np.float64], ahead_m: float) ->
         if free.any():
             early = open_width(at[free], yaw[free], segments) > OPEN_WIDTH_M
             if early.any():
-                return at[free][early][0]
+                first: NDArray[np.float64] = at[free][early][0]
+                return first
     return None
 
 
@@ -148,7 +151,8 @@ def open_width(
     lidar: NDArray[np.float64], yaw: NDArray[np.float64], segments: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return V_left + V_right, each clipped at the lidar's reach, for (N, 2) positions and (N,) headings."""
-    return side_ranges(lidar, yaw, segments, SCAN_RANGE_M).sum(axis=0)
+    left, right = side_ranges(lidar, yaw, segments, SCAN_RANGE_M)
+    return left + right
 
 
 def side_ranges(
@@ -173,7 +177,8 @@ def side_ranges(
 
 def _near(segments: NDArray[np.float64], at: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
     low, high = at.min(axis=0) - reach_m, at.max(axis=0) + reach_m
-    return segments[((segments.max(axis=1) >= low) & (segments.min(axis=1) <= high)).all(axis=1)]
+    near: NDArray[np.float64] = segments[((segments.max(axis=1) >= low) & (segments.min(axis=1) <= high)).all(axis=1)]
+    return near
 
 
 def _headings(line: NDArray[np.float64]) -> NDArray[np.float64]:
