@@ -5,11 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pybullet
 import pytest
 import shapely
 from numpy.typing import NDArray
 
-from zebrat_bullet.errors import ActionError
+from tests.boxes import box_world
+from zebrat_bullet.errors import ActionError, SimulationError
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.types import Command, Pose2, RobotState
@@ -135,3 +137,22 @@ def test_a_command_that_is_not_finite_moves_nothing(simulate: Simulate) -> None:
         simulation.step(Command(math.nan, 0.0))
     after = simulation.step(Command(0.6, 0.3)).pose
     assert 0.1 < math.hypot(after.x - before.pose.x, after.y - before.pose.y) < 0.13
+
+
+def test_a_state_that_is_not_finite_stops_the_run_and_a_new_world_mends_it(simulate: Simulate) -> None:
+    simulation = simulate()
+    simulation.reset(ORIGIN)
+    nan = (math.nan, 0.0, 0.0)
+    pybullet.resetBaseVelocity(simulation.car_id, nan, nan, physicsClientId=simulation.client_id)
+    with pytest.raises(SimulationError, match="lost the car"):
+        simulation.step(Command(0.6, 0.0))
+    simulation.set_world(box_world())
+    simulation.reset(ORIGIN)
+    assert drive(simulation, Command(0.6, 0.0), 10)[-1].speed_mps == pytest.approx(0.6, rel=0.03)
+
+
+def test_a_start_pose_that_is_not_finite_is_refused(simulate: Simulate) -> None:
+    simulation = simulate()
+    with pytest.raises(SimulationError, match="finite"):
+        simulation.reset(Pose2(0.0, math.nan, 0.0))
+    assert simulation.reset(ORIGIN).pose == ORIGIN

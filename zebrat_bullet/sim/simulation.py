@@ -1,5 +1,6 @@
 """The physics of one car in one world, stepped a command at a time."""
 
+import math
 from functools import partial
 
 import numpy as np
@@ -7,7 +8,7 @@ import pybullet
 import shapely
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import WorldError
+from zebrat_bullet.errors import SimulationError, WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, GROUP_WHEELS, Car
@@ -81,7 +82,13 @@ class Simulation:
             ) from error
 
     def reset(self, pose: Pose2) -> RobotState:
-        """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace."""
+        """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace.
+
+        Raises:
+            SimulationError: the pose is not finite.
+        """
+        if not math.isfinite(pose.x + pose.y + pose.yaw):
+            raise SimulationError(f"a start pose must be finite, got {pose}")
         self._car.reset(pose)
         self._car.drive(wheel_targets(Command(0.0, 0.0), self._robot))
         return self._car.read(contact=False, unseen_contact=False)
