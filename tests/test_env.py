@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -56,9 +57,10 @@ def test_the_same_seed_gives_the_same_trajectory_bit_for_bit_also_in_another_pro
 
     here = digest()
     assert digest() == here
-    code = "from tests.test_env import ZebratEnv, drive; e = ZebratEnv('track_2', caster='embree'); "
+    code = "from test_env import ZebratEnv, drive; e = ZebratEnv('track_2', caster='embree'); "
     code += "print('rows', drive(e, 3, 60).tobytes().hex())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    here_too = Path(__file__).parent
+    done = subprocess.run([sys.executable, "-c", code], cwd=here_too, capture_output=True, text=True, check=True)
     assert done.stdout.split("rows ")[-1].strip() == here
 
 
