@@ -15,6 +15,7 @@ from zebrat_bullet.report.track_figure import draw_worlds
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_world, world_summary
+from zebrat_bullet.world.solid import extrude
 from zebrat_bullet.world.validate import open_width, start_area, wall_segments
 
 NAMES = list_assets("worlds", ".yaml")
@@ -188,3 +189,12 @@ def test_the_figure_of_all_tracks_is_drawn(tmp_path: Path) -> None:
     )
     image = np.asarray(Image.open(tmp_path / "tracks.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(image, axis=0)) > 20
+
+
+def test_a_prism_is_closed_also_where_corners_of_outline_and_hole_lie_on_one_line() -> None:
+    outline = shapely.Polygon(
+        [(0, 0), (1, 0), (2, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (2, 2), (1, 2)], [(3, 1), (3.5, 1), (3, 2)]]
+    )
+    mesh = extrude(outline, 0.5, 2.5)
+    body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    assert body.is_watertight and body.volume == pytest.approx((16 - 1 - 0.25) * 2.0)

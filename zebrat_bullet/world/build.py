@@ -50,7 +50,11 @@ def build_world(spec: WorldSpec, path: Path) -> World:
     begin_m = _start_distance(spec.start, track, source)
     line, widths = _from_start(track, begin_m) if track else (np.empty((0, 2)), np.empty(0))
     whole = join(meshes + _extruded(obstacles))
-    assert is_watertight(whole), "extruded outlines are closed, and mesh files are checked when read"
+    if not is_watertight(whole):
+        raise WorldError(
+            f"{source}: mesh: some wall or obstacle touches itself in a single point, so its mesh is not watertight; "
+            "move a corner there by a centimetre"
+        )
     return World(
         name=spec.name,
         description=spec.description,

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import mapbox_earcut
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from zebrat_bullet.world.world import Mesh
 
@@ -27,10 +27,7 @@ def extrude(outline: shapely.Polygon, bottom_m: float, top_m: float) -> Mesh:
     points = np.concatenate(rings)
     n = len(points)
     ends = np.cumsum([len(ring) for ring in rings])
-    caps = mapbox_earcut.triangulate_float64(points, ends.astype(np.uint32)).reshape(-1, 3).astype(np.int64)
-    a, b, c = (points[caps[:, k]] for k in range(3))
-    clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0
-    caps[clockwise] = caps[clockwise][:, ::-1]
+    caps = _triangles(outline, points)
     here = np.arange(n)
     following = here + 1
     following[ends - 1] = np.concatenate([[0], ends[:-1]])
@@ -39,6 +36,17 @@ def extrude(outline: shapely.Polygon, bottom_m: float, top_m: float) -> Mesh:
     )
     vertices = np.concatenate([np.column_stack([points, np.full(n, z)]) for z in (bottom_m, top_m)])
     return Mesh(vertices, np.concatenate([caps[:, ::-1], caps + n, sides]).astype(np.int32))
+
+
+def _triangles(outline: shapely.Polygon, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return (T, 3) counter-clockwise triangles over a polygon's own (N, 2) corner points, all of them used.
+
+    Not by ear cutting as trimesh does: that leaves out points on a straight line, and the prism would not close.
+    """
+    triangles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(outline)))
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    index = {point: i for i, point in enumerate(map(tuple, points.tolist()))}
+    return np.array([[index[tuple(corner)] for corner in triangle] for triangle in corners.tolist()], dtype=np.int64)
 
 
 def join(meshes: Iterable[Mesh]) -> Mesh:

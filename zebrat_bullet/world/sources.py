@@ -19,6 +19,7 @@ from zebrat_bullet.world.world import Mesh
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".glb")
 # Heights at which a mesh is cut to see where its walls stand: the band of the flat scan.
 _CUTS_M = np.arange(0.1, LOWEST_WALL_M, 0.1)
+_HAIR_CELLS = 0.01
 
 
 class _RosMap(BaseModel):
@@ -115,4 +116,6 @@ def _cell_outlines(occupied: NDArray[np.bool_]) -> shapely.Geometry:
     steps = np.diff(padded, axis=1)
     rows, begins = np.nonzero(steps == 1)
     _, ends = np.nonzero(steps == -1)
-    return shapely.union_all(shapely.box(begins, rows, ends, rows + 1)).simplify(0.0)
+    joined = shapely.union_all(shapely.box(begins, rows, ends, rows + 1))
+    # Cells that meet in a corner only would make a body that touches itself in a point; a hair wider they overlap.
+    return joined.buffer(_HAIR_CELLS, join_style="mitre").simplify(0.0)

@@ -151,8 +151,8 @@ def open_width(
     lidar: NDArray[np.float64], yaw: NDArray[np.float64], segments: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return V_left + V_right, each clipped at the lidar's reach, for (N, 2) positions and (N,) headings."""
-    left, right = side_ranges(lidar, yaw, segments, SCAN_RANGE_M)
-    return left + right
+    total: NDArray[np.float64] = side_ranges(lidar, yaw, segments, SCAN_RANGE_M).sum(axis=0)
+    return total
 
 
 def side_ranges(
@@ -167,12 +167,13 @@ def side_ranges(
         along = (offset[..., 0] * edge[None, :, 1] - offset[..., 1] * edge[None, :, 0]) / cross
         part = (offset[..., 0] * left[:, None, 1] - offset[..., 1] * left[:, None, 0]) / cross
     hit = (part >= 0.0) & (part <= 1.0)
-    return np.stack(
+    ranges: NDArray[np.float64] = np.stack(
         [
             np.where(hit & (sign * along >= 0.0), sign * along, range_max_m).min(axis=1, initial=range_max_m)
             for sign in (1.0, -1.0)
         ]
     )
+    return ranges
 
 
 def _near(segments: NDArray[np.float64], at: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
