@@ -18,7 +18,7 @@ class PaperDDPG(DDPG):
     """SB3's DDPG with the exploration and the two learning rates of the authors' code.
 
     With probability epsilon, falling linearly to 0 over the run's episodes, the action is uniformly random; else it is
-    the policy's with Gaussian noise of `sigma`.
+    the policy's with Gaussian noise of `sigma`. Beyond the paper, a random action may be held for several steps.
     """
 
     def __init__(
@@ -27,12 +27,15 @@ class PaperDDPG(DDPG):
         actor_lr: float = 1e-4,
         critic_lr: float = 2e-4,
         epsilon: float = 0.8,
+        hold_steps: int = 1,
         sigma: float = 0.1,
         n_episodes: int = 1000,
         **kwargs: Any,
     ) -> None:
         self.actor_lr, self.critic_lr = actor_lr, critic_lr
-        self.epsilon_start, self.sigma, self.n_episodes = epsilon, sigma, n_episodes
+        self.epsilon_start, self.hold_steps = epsilon, hold_steps
+        self.sigma, self.n_episodes = sigma, n_episodes
+        self._held: NDArray[np.float64] | None = None
         self.rng = np.random.default_rng(kwargs.get("seed"))
         super().__init__(*args, **kwargs)
 
@@ -51,16 +54,28 @@ class PaperDDPG(DDPG):
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Explore; the action space is [-1, 1], so the action and what the buffer stores are the same."""
-        uniform = self.rng.uniform(-1.0, 1.0, (n_envs, 2))
         if self.num_timesteps < learning_starts:
-            action = uniform
+            action = self.rng.uniform(-1.0, 1.0, (n_envs, 2))
         else:
             assert self._last_obs is not None  # SB3 resets the environments before the first rollout
             policy, _ = self.predict(self._last_obs, deterministic=True)
             noisy = np.clip(policy + self.rng.normal(0.0, self.sigma, policy.shape), -1.0, 1.0)
-            explore = self.rng.random((n_envs, 1)) < self.epsilon
-            action = np.where(explore, uniform, noisy)
+            action = np.where(self._hold_random_actions(n_envs), self._held, noisy)
         return action.astype(np.float32), action.astype(np.float32)
+
+    def _hold_random_actions(self, n_envs: int) -> NDArray[np.bool_]:
+        """Return (n_envs, 1), which environments act randomly now; `_held` (n_envs, 2) says how."""
+        if self._held is None:
+            self._held, self._hold_left = np.zeros((n_envs, 2)), np.zeros((n_envs, 1), dtype=int)
+        mean_hold = 0.5 * (1 + self.hold_steps)
+        begins = (self._hold_left == 0) & (
+            self.rng.random((n_envs, 1)) < self.epsilon / (mean_hold - self.epsilon * (mean_hold - 1.0))
+        )
+        self._held = np.where(begins, self.rng.uniform(-1.0, 1.0, (n_envs, 2)), self._held)
+        self._hold_left = np.where(begins, self.rng.integers(1, self.hold_steps + 1, (n_envs, 1)), self._hold_left)
+        explores = self._hold_left > 0
+        self._hold_left = np.maximum(self._hold_left - 1, 0)
+        return explores
 
 
 class MirrorReplayBuffer(NStepReplayBuffer):
@@ -89,6 +104,7 @@ def build_ddpg(config: TrainConfig, env: Any, observation: ObservationSpec) -> P
         actor_lr=config.actor_lr,
         critic_lr=config.critic_lr,
         epsilon=config.epsilon,
+        hold_steps=config.hold_steps,
         sigma=config.sigma,
         n_episodes=config.episodes,
         buffer_size=config.buffer_size,

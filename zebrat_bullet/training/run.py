@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from zebrat_bullet.config import TaskConfig, from_json, to_json
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.ddpg import build_ddpg
@@ -91,9 +92,12 @@ def _worlds(config: TrainConfig) -> tuple[list[World], list[World]]:
     rng_train, rng_eval = np.random.default_rng(config.seed).spawn(2)
     shipped = {name: load_world(name) for name in {*config.worlds, *config.eval_worlds}}
     train_worlds = [shipped[name] for name in config.worlds]
-    train_worlds += [generate_track(rng_train) for _ in range(config.n_generated)]
+    robot = load_robot(config.task.robot)
+    train_worlds += [
+        generate_track(rng_train, tightness=config.tightness, robot=robot) for _ in range(config.n_generated)
+    ]
     eval_worlds = [shipped[name] for name in config.eval_worlds]
-    eval_worlds += [generate_track(rng_eval) for _ in range(config.n_generated_eval)]
+    eval_worlds += [generate_track(rng_eval, robot=robot) for _ in range(config.n_generated_eval)]
     return eval_worlds or train_worlds[:1], train_worlds
 
 
