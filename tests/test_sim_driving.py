@@ -8,9 +8,9 @@ import numpy as np
 import pybullet
 import pytest
 import shapely
+from boxes import box_world
 from numpy.typing import NDArray
 
-from tests.boxes import box_world
 from zebrat_bullet.errors import ActionError, SimulationError
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sim.simulation import Simulation

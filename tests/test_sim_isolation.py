@@ -9,8 +9,8 @@ import numpy as np
 import psutil
 import pybullet
 import pytest
+from boxes import box_world
 
-from tests.boxes import box_world
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel, load_robot

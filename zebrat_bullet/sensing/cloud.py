@@ -33,5 +33,5 @@ def save_cloud(cloud: PointCloud, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in CLOUD_SUFFIXES:
         raise ConfigError(f"a cloud is saved as {' or '.join(CLOUD_SUFFIXES)}, got {path.name!r}")
-    if not o3d.io.write_point_cloud(str(path), to_open3d(cloud)):
+    if not o3d.io.write_point_cloud(str(path), to_open3d(cloud)):  # type: ignore[arg-type]  # its stub lacks str
         raise OSError(f"cannot write {path}; does its folder exist, and may you write there?")

@@ -70,4 +70,4 @@ def _build_scene(world: World) -> o3d.t.geometry.RaycastingScene:
 
 
 def _tensor(array: NDArray[np.generic], dtype: type) -> o3d.core.Tensor:
-    return o3d.core.Tensor(np.ascontiguousarray(array, dtype))
+    return o3d.core.Tensor.from_numpy(np.ascontiguousarray(array, dtype))

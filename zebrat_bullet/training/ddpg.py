@@ -35,7 +35,7 @@ class PaperDDPG(DDPG):
         self.actor_lr, self.critic_lr = actor_lr, critic_lr
         self.epsilon_start, self.hold_steps = epsilon, hold_steps
         self.sigma, self.n_episodes = sigma, n_episodes
-        self._held: NDArray[np.float64] | None = None
+        self._held = np.zeros((0, 2))
         self.rng = np.random.default_rng(kwargs.get("seed"))
         super().__init__(*args, **kwargs)
 
@@ -60,12 +60,13 @@ class PaperDDPG(DDPG):
             assert self._last_obs is not None  # SB3 resets the environments before the first rollout
             policy, _ = self.predict(self._last_obs, deterministic=True)
             noisy = np.clip(policy + self.rng.normal(0.0, self.sigma, policy.shape), -1.0, 1.0)
-            action = np.where(self._hold_random_actions(n_envs), self._held, noisy)
+            explores = self._hold_random_actions(n_envs)
+            action = np.where(explores, self._held, noisy)
         return action.astype(np.float32), action.astype(np.float32)
 
     def _hold_random_actions(self, n_envs: int) -> NDArray[np.bool_]:
         """Return (n_envs, 1), which environments act randomly now; `_held` (n_envs, 2) says how."""
-        if self._held is None:
+        if len(self._held) != n_envs:
             self._held, self._hold_left = np.zeros((n_envs, 2)), np.zeros((n_envs, 1), dtype=int)
         mean_hold = 0.5 * (1 + self.hold_steps)
         begins = (self._hold_left == 0) & (
