@@ -132,10 +132,10 @@ def video(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     """List worlds with length, narrowest width and turns; draw them to scale with the car."""
+    from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
     from zebrat_bullet.robot import load_robot
-    from zebrat_bullet.world import load_world
-    from zebrat_bullet.world.summary import world_summary
+    from zebrat_bullet.world import load_world, world_summary
 
     loaded = [load_world(name) for name in arguments.names or list_assets("worlds", ".yaml")]
     result = {world.name: world_summary(world) for world in loaded}
@@ -144,10 +144,7 @@ def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw_worlds(loaded, path, load_robot(arguments.robot).footprint_base)
         _note(arguments, f"drew {path}")
-    columns = list(next(iter(result.values())))
-    rows = ["  ".join(f"{column:>16}" for column in ("world", *columns))]
-    rows += ["  ".join(f"{value!s:>16}" for value in (name, *row.values())) for name, row in result.items()]
-    return result, "\n".join(rows)
+    return result, worlds_table(result)
 
 
 def bench(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:

@@ -1,6 +1,7 @@
-"""Scores as a Markdown table: the same text on the terminal, in the results folder and in the README."""
+"""Scores and worlds as Markdown tables: the same text on the terminal, in a results folder and in the README."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from zebrat_bullet.evaluation.metrics import Score
 
@@ -12,6 +13,16 @@ def score_table(scores: Mapping[str, Score]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     return "\n".join(rows + [_row(world, score) for world, score in scores.items()])
+
+
+def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return one row a world: length, narrowest width, turns in order (left positive), what it is."""
+    rows = ["| world | length | narrowest | turns in degrees | |", "|---|---|---|---|---|"]
+    for name, at in summaries.items():
+        metres = ("-" if at[key] is None else f"{at[key]:.2f} m" for key in ("length_m", "narrowest_m"))
+        turns = " ".join(f"{turn:+.0f}" for turn in at["turns_deg"] or ()) or "-"
+        rows.append(f"| {name} | {' | '.join(metres)} | {turns} | {at['description']} |")
+    return "\n".join(rows)
 
 
 def _row(world: str, score: Score) -> str:
