@@ -26,13 +26,14 @@ class PaperDDPG(DDPG):
         *args: Any,
         actor_lr: float = 1e-4,
         critic_lr: float = 2e-4,
+        lr_final: float = 1.0,
         epsilon: float = 0.8,
         hold_steps: int = 1,
         sigma: float = 0.1,
         n_episodes: int = 1000,
         **kwargs: Any,
     ) -> None:
-        self.actor_lr, self.critic_lr = actor_lr, critic_lr
+        self.actor_lr, self.critic_lr, self.lr_final = actor_lr, critic_lr, lr_final
         self.epsilon_start, self.hold_steps = epsilon, hold_steps
         self.sigma, self.n_episodes = sigma, n_episodes
         self._held = np.zeros((0, 2))
@@ -40,15 +41,21 @@ class PaperDDPG(DDPG):
         super().__init__(*args, **kwargs)
 
     @property
+    def remaining(self) -> float:
+        """Share of the run's episodes that are still to come."""
+        return max(0.0, 1.0 - self._episode_num / self.n_episodes)
+
+    @property
     def epsilon(self) -> float:
         """Probability of a random action now."""
-        return self.epsilon_start * max(0.0, 1.0 - self._episode_num / self.n_episodes)
+        return self.epsilon_start * self.remaining
 
     def _update_learning_rate(self, optimizers: Any) -> None:
         """Give actor and critic each its own rate, where SB3 gives both the same."""
+        share = self.lr_final + (1.0 - self.lr_final) * self.remaining
         for optimizer, rate in ((self.actor.optimizer, self.actor_lr), (self.critic.optimizer, self.critic_lr)):
             for group in optimizer.param_groups:
-                group["lr"] = rate
+                group["lr"] = share * rate
 
     def _sample_action(
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
@@ -104,6 +111,7 @@ def build_ddpg(config: TrainConfig, env: Any, observation: ObservationSpec) -> P
         env,
         actor_lr=config.actor_lr,
         critic_lr=config.critic_lr,
+        lr_final=config.lr_final,
         epsilon=config.epsilon,
         hold_steps=config.hold_steps,
         sigma=config.sigma,

@@ -19,7 +19,8 @@ class TrainConfig:
         seed: of networks, exploration, generated tracks and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
         hidden: units of each hidden layer.
-        actor_lr, critic_lr: learning rates.
+        actor_lr, critic_lr: learning rates at the start.
+        lr_final: both fall linearly to this share of themselves at the last episode (1: constant, as in the paper).
         buffer_size, batch_size, gamma, tau: replay and targets.
         n_step: rewards summed before the critic bootstraps.
         n_critics: critics, of whose targets the smallest counts (1: DDPG, 2: as in TD3).
@@ -52,6 +53,7 @@ class TrainConfig:
     hidden: tuple[int, ...] = (512, 512)
     actor_lr: float = 1e-4
     critic_lr: float = 2e-4
+    lr_final: float = 1.0
     buffer_size: int = 200_000
     batch_size: int = 64
     gamma: float = 0.99
@@ -93,7 +95,7 @@ class TrainConfig:
                 raise ConfigError(f"{name} must be at least 1, got {getattr(self, name)}")
         if not self.worlds and not self.n_generated:
             raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
-        for name in ("epsilon", "gamma", "tau", "tightness"):
+        for name in ("epsilon", "gamma", "tau", "tightness", "lr_final"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         if self.matmul_precision not in ("highest", "high", "medium"):
@@ -108,7 +110,8 @@ _GENERAL = TrainConfig(
     hidden=(256, 256),
     actor_lr=3e-4,
     critic_lr=1e-3,
-    batch_size=128,
+    lr_final=0.05,
+    batch_size=256,
     n_critics=2,
     policy_delay=2,
     target_noise=0.1,
