@@ -61,9 +61,10 @@ class ObservationSpec:
         values = np.asarray(action, dtype=np.float64)
         if values.shape != (2,) or not np.isfinite(values).all():
             raise ActionError(f"an action is two finite numbers (speed, steering), got {action!r}")
-        scale = 1.0 if self.raw else self.limits
-        speed, steering = np.clip(values * scale, -self.limits, self.limits)
-        return Command(float(speed), float(steering))
+        limits = self.max_speed_mps, self.max_steering_rad
+        scaled = values.tolist() if self.raw else [values[0] * limits[0], values[1] * limits[1]]
+        speed, steering = (max(-limit, min(limit, float(value))) for value, limit in zip(scaled, limits, strict=True))
+        return Command(speed, steering)
 
     def decode_discrete(self, action: int) -> Command:
         """Turn an index into DISCRETE_COMMANDS into a command.

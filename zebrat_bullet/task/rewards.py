@@ -5,6 +5,7 @@ Which terms count, and how much, is `RewardConfig.weights`; every term, weighted
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +32,21 @@ class RewardInput:
     config: RewardConfig
 
 
+@lru_cache
 def _discounts(n: int, discount: float) -> NDArray[np.float64]:
     return np.power(discount, np.arange(n, dtype=np.float64))
+
+
+@lru_cache
+def _rays(first: int, step: int, n: int, n_rays: int) -> NDArray[np.intp]:
+    """Return n indices among the region's rays, from `first` on, round the back where need be."""
+    return (first + step * np.arange(n)) % n_rays
 
 
 def forward_term(step: RewardInput) -> float:
     """F: forward speed times the free ranges ahead (eq. 4); v is measured, so pushing a wall earns nothing."""
     obs, front = step.clearance.obs_m, step.region.front
-    k = np.arange(N_FORWARD_RAYS)
-    ahead = obs[(front + k) % len(obs)] + obs[(front - k) % len(obs)]
+    ahead = obs[_rays(front, 1, N_FORWARD_RAYS, len(obs))] + obs[_rays(front, -1, N_FORWARD_RAYS, len(obs))]
     return float(step.speed_mps * (_discounts(N_FORWARD_RAYS, step.config.discount) @ ahead))
 
 
@@ -53,9 +60,9 @@ def obstacle_term(step: RewardInput) -> float:
 def middle_term(step: RewardInput) -> float:
     """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6)."""
     obs = step.clearance.obs_m
-    k = np.arange(N_MIDDLE_RAYS)
-    difference = np.abs(obs[(step.region.right - k) % len(obs)] - obs[(step.region.left + k) % len(obs)])
-    return float(-_discounts(N_MIDDLE_RAYS, step.config.discount) @ difference)
+    right = obs[_rays(step.region.right, -1, N_MIDDLE_RAYS, len(obs))]
+    left = obs[_rays(step.region.left, 1, N_MIDDLE_RAYS, len(obs))]
+    return float(-_discounts(N_MIDDLE_RAYS, step.config.discount) @ np.abs(right - left))
 
 
 def time_term(step: RewardInput) -> float:
