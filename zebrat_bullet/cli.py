@@ -237,7 +237,7 @@ def _parser() -> argparse.ArgumentParser:
         return made
 
     made = command(train, reward)
-    made.add_argument("--preset", choices=("paper", "general", "quick"), default="paper")
+    made.add_argument("--preset", choices=("paper", "general", "finetune", "quick"), default="paper")
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="training worlds instead of the preset's")
     made.add_argument(
         "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. batch_size=128"

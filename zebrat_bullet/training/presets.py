@@ -16,6 +16,8 @@ class TrainConfig:
         tightness: share of tight turns among the generated tracks' turns.
         episodes: length of the run.
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
+        init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
+            best model); empty to begin anew. Zips unpickle: name only files of your own.
         seed: of networks, exploration, generated tracks and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
         hidden: units of each hidden layer.
@@ -48,6 +50,7 @@ class TrainConfig:
     tightness: float = 0.6
     episodes: int = 1000
     max_minutes: float | None = None
+    init: str = ""
     seed: int = 0
     n_envs: int = 1
     hidden: tuple[int, ...] = (512, 512)
@@ -132,6 +135,21 @@ _GENERAL = TrainConfig(
 TRAIN_PRESETS = {
     "paper": TrainConfig(),
     "general": _GENERAL,
+    "finetune": replace(
+        _GENERAL,
+        worlds=("big_track",) * 60 + ("track_1", "track_2", "track_3") * 10,
+        n_generated=210,
+        tightness=0.6,
+        episodes=700,
+        actor_lr=5e-5,
+        critic_lr=2e-4,
+        warmup_steps=500,
+        epsilon=0.1,
+        eval_every=50,
+        eval_episodes=2,
+        eval_worlds=("big_track", "track_1", "track_2", "track_3"),
+        checkpoint_every=50,
+    ),
     "quick": replace(
         _GENERAL,
         worlds=("track_2",),
@@ -148,4 +166,5 @@ TRAIN_PRESETS = {
         checkpoint_every=50,
     ),
 }
-"""`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `quick`: one track in three minutes."""
+"""`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `finetune`: on from a `general` run's
+best model (with `init=`). `quick`: one track in three minutes."""

@@ -76,6 +76,8 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
         vec_env.set_options([{"episode": n - 1} for n in state["begun"]])
     else:
         model, state = build_ddpg(config, vec_env, observation), {}
+        if config.init:
+            model.set_parameters(config.init, device="cpu")
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     provenance = {"config": json.loads(to_json(config))} | _versions()
     callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
