@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -172,3 +173,32 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path):
     (tmp_path / "x.safetensors").write_bytes(b"nothing at all")
     with pytest.raises(PolicyError, match="not a safetensors file"):
         load_agent(str(tmp_path / "x.safetensors"), PhysicsConfig())
+
+
+def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
+    train(replace(TINY, episodes=4), tmp_path / "first")
+    first = load_file(tmp_path / "first" / "best.safetensors")
+    config = replace(TINY, episodes=1, seed=9, warmup_steps=1000, init=str(tmp_path / "first" / "best.zip"))
+    train(config, tmp_path / "second")  # one random episode: nothing is learned, so the networks are as they began
+    second = load_file(tmp_path / "second" / "last.safetensors")
+    assert all(np.array_equal(first[key], second[key]) for key in first)
+
+
+def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_epsilon(learner):
+    _, env = learner
+    model = build_ddpg(replace(TINY, hold_steps=8, epsilon=0.3), learner[0].env, env.spec_observation)
+    explores, held = [], []
+    for _ in range(4000):
+        explores.append(bool(model._hold_random_actions(1)[0, 0]))
+        held.append(tuple(model._held[0]) if explores[-1] else None)
+    lengths = [len(list(steps)) for action, steps in groupby(held) if action is not None]
+    assert np.mean(explores) == pytest.approx(0.3, abs=0.04)
+    assert max(lengths) == 8 and np.mean(lengths) == pytest.approx(4.5, abs=0.5)
+
+
+def test_learning_rates_fall_to_their_final_share(learner):
+    _, env = learner
+    model = build_ddpg(replace(TINY, lr_final=0.1), learner[0].env, env.spec_observation)
+    model._episode_num = TINY.episodes
+    model._update_learning_rate([])
+    assert model.actor.optimizer.param_groups[0]["lr"] == pytest.approx(1e-5)

@@ -61,10 +61,10 @@ def train(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
             run.train(with_overrides(config, arguments.set), folder, on_progress)
     draw_learning_curve(folder, folder / "learning_curve.png")
     summary = run.summarise(folder)
-    return (
-        summary,
-        f"best policy after episode {summary['best']['episode']}: success {summary['best']['success']}\n{folder}",
-    )
+    best = summary["best"]
+    curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in run.evaluations(folder))
+    text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
+    return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
 
 
 def evaluate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:

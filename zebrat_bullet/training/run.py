@@ -117,15 +117,20 @@ def _versions() -> dict[str, object]:
     }
 
 
+def evaluations(folder: Path) -> list[dict[str, str]]:
+    """Return the rows of a run's noise-free evaluations."""
+    return CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS).rows()
+
+
 def summarise(folder: Path) -> dict[str, Any]:
     """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
     episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
-    evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS).rows()
-    best = [row for row in evaluations if row["best"] == "1"][-1]
+    judged = evaluations(folder)
+    best = [row for row in judged if row["best"] == "1"][-1]
     return {
         "folder": str(folder),
         "episodes": len(episodes),
         "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
-        "wall_s": float(evaluations[-1]["wall_s"]),
+        "wall_s": float(judged[-1]["wall_s"]),
         "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
     }
