@@ -109,15 +109,15 @@ _GENERAL = TrainConfig(
     worlds=("big_track",) * 20,
     n_generated=300,
     tightness=0.9,
-    episodes=3500,
+    episodes=2600,
     hidden=(256, 256),
     actor_lr=3e-4,
     critic_lr=1e-3,
     lr_final=0.05,
-    batch_size=256,
+    batch_size=128,
     n_critics=2,
     policy_delay=2,
-    target_noise=0.05,
+    target_noise=0.1,
     warmup_steps=2000,
     epsilon=0.3,
     hold_steps=8,
@@ -143,6 +143,8 @@ TRAIN_PRESETS = {
         episodes=700,
         actor_lr=5e-5,
         critic_lr=2e-4,
+        batch_size=256,
+        target_noise=0.05,
         warmup_steps=500,
         epsilon=0.1,
         eval_every=50,
@@ -156,7 +158,6 @@ TRAIN_PRESETS = {
         n_generated=0,
         episodes=450,
         max_minutes=3.0,
-        batch_size=128,
         lr_final=0.1,
         warmup_steps=500,
         eval_every=25,
@@ -166,5 +167,5 @@ TRAIN_PRESETS = {
         checkpoint_every=50,
     ),
 }
-"""`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `finetune`: on from a `general` run's
-best model (with `init=`). `quick`: one track in three minutes."""
+"""`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `finetune`: on from a `general`
+run's model (with `init=`). `quick`: one track in three minutes."""
