@@ -156,9 +156,9 @@ TRAIN_PRESETS = {
         _GENERAL,
         worlds=("track_2",),
         n_generated=0,
-        episodes=450,
+        episodes=250,
         max_minutes=3.0,
-        lr_final=0.1,
+        lr_final=1.0,
         warmup_steps=500,
         eval_every=25,
         eval_episodes=5,
@@ -168,4 +168,4 @@ TRAIN_PRESETS = {
     ),
 }
 """`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `finetune`: on from a `general`
-run's model (with `init=`). `quick`: one track in three minutes."""
+run's model (with `init=`). `quick`: one track in three minutes at most."""
