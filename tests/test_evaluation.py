@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from zebrat_bullet.agents import load_agent
+from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig, from_json
 from zebrat_bullet.errors import AssetError, WorldError, ZebratError
 from zebrat_bullet.evaluation.judge import Judgement, judge, record_path
@@ -117,3 +118,13 @@ def test_a_missing_agent_or_world_is_named_before_anything_is_driven(tmp_path):
         judge(what)
     with pytest.raises((AssetError, WorldError), match="track_1"):
         judge(replace(what, agent="random", worlds=("nowhere",)))
+
+
+def test_a_record_from_a_users_own_world_names_the_file_it_can_be_loaded_from(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text((asset_folder("worlds") / "track_2.yaml").read_text())
+    drive = Drive(EMBREE, load_world(mine))
+    record = run_episode(drive, load_agent("random", EMBREE.physics), 0, 0)
+    assert replay_episode(drive, record, load_world(record.world)).outcome == record.outcome
+    drive.close()
+    assert record.world == str(mine) and load_world("track_2").source == "track_2"

@@ -1,10 +1,11 @@
 """One door to every world: shipped by name, a user's world file, mesh or ROS map by path."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from zebrat_bullet.assets import find_asset
+from zebrat_bullet.assets import asset_folder, find_asset
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world
@@ -40,7 +41,8 @@ def load_world(
     spec = _spec(path).model_copy(update=changes)
     world = build_world(spec, path)
     validate_world(world, robot or _zebrat(), str(path))
-    return world
+    shipped = path.parent == asset_folder("worlds")
+    return replace(world, source=path.stem if shipped else str(path.resolve()))
 
 
 def _spec(path: Path) -> WorldSpec:
