@@ -8,7 +8,7 @@ import pytest
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig, from_json
-from zebrat_bullet.errors import AssetError, WorldError, ZebratError
+from zebrat_bullet.errors import AssetError, ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.judge import Judgement, judge, record_path
 from zebrat_bullet.evaluation.metrics import score, wilson_interval
 from zebrat_bullet.evaluation.records import load_record, save_record
@@ -21,20 +21,19 @@ EMBREE = TaskConfig(lidar=LidarConfig(caster="embree"))
 
 
 class Straight:
-    """Drives straight ahead at full speed, and remembers whether it was shown the true state."""
+    """Drives straight ahead at full speed, and remembers the last reading it was shown."""
 
     name = "straight"
     privileged: frozenset[str] = frozenset()
 
     def __init__(self, privileged: frozenset[str] = frozenset()) -> None:
         self.privileged = privileged
-        self.saw_state = False
 
     def reset(self, seed: int) -> None:
         pass
 
     def act(self, reading: Reading) -> Command:
-        self.saw_state = reading.state is not None
+        self.reading = reading
         return Command(0.6, 0.0)
 
 
@@ -70,10 +69,14 @@ def test_every_agent_meets_the_same_starts(drive):
 
 
 def test_only_declared_privileges_are_shown(drive):
-    fair, privileged = Straight(), Straight(frozenset({"pose"}))
+    fair, guided = Straight(), Straight(frozenset({"pose", "map", "goal"}))
     run_episode(drive, fair, 0, 0)
-    run_episode(drive, privileged, 0, 0)
-    assert not fair.saw_state and privileged.saw_state
+    run_episode(drive, guided, 0, 0)
+    assert (fair.reading.state, fair.reading.walls, fair.reading.goal_world) == (None, None, None)
+    assert guided.reading.state is not None and guided.reading.walls is drive.world.walls
+    assert np.array_equal(guided.reading.goal_world, drive.world.waypoints[-1])
+    with pytest.raises(ConfigError, match="no privilege \\['future'\\]; there are \\['goal', 'map', 'pose'\\]"):
+        run_episode(drive, Straight(frozenset({"future"})), 0, 0)
 
 
 @pytest.mark.parametrize("caster", ["embree", "bullet"])

@@ -8,6 +8,7 @@ x forward, y left, z up; `_lidar` is the sensor's own. Yaw, bearings and steerin
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 
@@ -107,7 +108,7 @@ class Clearance:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """All an agent may know at a control step.
+    """All an agent may know at a control step; the last three only if it declares the privilege, None otherwise.
 
     Attributes:
         scan: the flattened lidar scan.
@@ -115,7 +116,9 @@ class Reading:
         last_command: the command given before this reading; zero at the start.
         speed_mps: measured forward speed.
         time_s: simulated time since the episode began.
-        state: the true state, only for agents that declare the privilege "pose"; None otherwise.
+        state: the true state (privilege "pose").
+        walls: the outlines of everything the body can hit, world frame (privilege "map").
+        goal_world: (2,) float64, the last waypoint of the world, 1 m past the open-space line (privilege "goal").
     """
 
     scan: FlatScan
@@ -124,3 +127,5 @@ class Reading:
     speed_mps: float
     time_s: float
     state: RobotState | None = None
+    walls: shapely.MultiPolygon | None = None
+    goal_world: NDArray[np.float64] | None = None

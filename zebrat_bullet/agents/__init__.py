@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from zebrat_bullet.agents.agent import Agent, NoisyAgent, RandomAgent
+from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import AssetError
 
-__all__ = ["Agent", "load_agent"]
+__all__ = ["PRIVILEGES", "Agent", "load_agent"]
 
 
 def load_agent(name_or_path: str, limits: PhysicsConfig, noise_sigma: float = 0.0) -> Agent:

@@ -6,13 +6,16 @@ import numpy as np
 
 from zebrat_bullet.types import Command, Reading
 
+PRIVILEGES = frozenset({"pose", "map", "goal"})
+"""What an agent may be given beyond the lidar: `Reading.state`, `Reading.walls`, `Reading.goal_world`."""
+
 
 class Agent(Protocol):
     """A driver.
 
     Attributes:
         name: what tables call it.
-        privileged: what it is given beyond the lidar, e.g. {"pose"}; printed in every table. Empty for a fair agent.
+        privileged: those of `PRIVILEGES` that it needs; printed in every table. Empty for an unguided agent.
     """
 
     name: str

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from zebrat_bullet.agents import Agent
+from zebrat_bullet.agents import PRIVILEGES, Agent
 from zebrat_bullet.config import to_json
-from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.errors import ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.task.drive import Drive, DriveStep
 from zebrat_bullet.task.rewards import TERMS
@@ -30,14 +30,19 @@ def run_episode(
         agent: the driver; its own chance comes from (seed, episode) too.
         seed, episode: which episode.
         world: where; None keeps the drive's world.
+
+    Raises:
+        ConfigError: the agent asks for a privilege that there is not.
+        WorldError: it asks for the goal of a world without waypoints.
     """
+    _check_privileges(agent)
     agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
     reading = drive.reset(np.random.default_rng([seed, episode]), world)
     readings, states = [reading], [drive.state]
     commands: list[Command] = []
     steps: list[DriveStep] = []
     while not steps or steps[-1].outcome is None:
-        command = agent.act(_with_privileges(reading, drive.state, agent))
+        command = agent.act(_with_privileges(reading, drive, agent))
         step = drive.step(command)
         reading = step.reading
         commands.append(reading.last_command)
@@ -81,8 +86,22 @@ def replay_episode(drive: Drive, record: EpisodeRecord, world: World) -> Episode
     return again
 
 
-def _with_privileges(reading: Reading, state: RobotState, agent: Agent) -> Reading:
-    return replace(reading, state=state) if "pose" in agent.privileged else reading
+def _check_privileges(agent: Agent) -> None:
+    unknown = agent.privileged - PRIVILEGES
+    if unknown:
+        raise ConfigError(f"agent {agent.name}: no privilege {sorted(unknown)}; there are {sorted(PRIVILEGES)}")
+
+
+def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
+    if "pose" in agent.privileged:
+        reading = replace(reading, state=drive.state)
+    if "map" in agent.privileged:
+        reading = replace(reading, walls=drive.world.walls)
+    if "goal" in agent.privileged:
+        if not len(drive.world.waypoints):
+            raise WorldError(f"{agent.name} drives to a goal and {drive.world.name} has none; give it waypoints")
+        reading = replace(reading, goal_world=drive.world.waypoints[-1])
+    return reading
 
 
 def _record(
