@@ -39,3 +39,7 @@ class MissingSystemLibraryError(ZebratError, OSError):
 
 class RenderError(ZebratError, RuntimeError):
     """A picture or video could not be made: the wrong kind of window, or a size no encoder takes."""
+
+
+class PlanError(ZebratError, ValueError):
+    """There is no way from start to goal on the map, or one of them lies in a wall or off the map."""
