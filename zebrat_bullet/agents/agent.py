@@ -47,6 +47,29 @@ class RandomAgent:
         return Command(float(speed), float(steering))
 
 
+class SmoothRandomAgent:
+    """Random commands that drift, an Ornstein-Uhlenbeck process of unit variance, so that the car gets somewhere."""
+
+    name = "random-smooth"
+    privileged: frozenset[str] = frozenset()
+    _KEPT = 0.9  # from one command to the next: they forget in about ten
+
+    def __init__(self, max_speed_mps: float, max_steering_rad: float) -> None:
+        self._limits = np.array([max_speed_mps, max_steering_rad])
+
+    def reset(self, seed: int) -> None:
+        """Seed the commands of the next episode."""
+        self._rng = np.random.default_rng(seed)
+        self._drift = self._rng.standard_normal(2)
+
+    def act(self, reading: Reading) -> Command:
+        """Return a command near the last one; about a third of them are at the limits."""
+        fresh = np.sqrt(1.0 - self._KEPT**2) * self._rng.standard_normal(2)
+        self._drift = self._KEPT * self._drift + fresh
+        speed, steering = np.clip(self._drift, -1.0, 1.0) * self._limits
+        return Command(float(speed), float(steering))
+
+
 class NoisyAgent:
     """Another agent with Gaussian noise on its commands, as during training (sigma as a fraction of the limits)."""
 

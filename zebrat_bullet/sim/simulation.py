@@ -1,7 +1,10 @@
 """The physics of one car in one world, stepped a command at a time."""
 
 import math
+from collections.abc import Iterator
 from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -17,6 +20,9 @@ from zebrat_bullet.types import Command, Pose2, RobotState
 from zebrat_bullet.world.world import Mesh, World
 
 _NO_BODY = -1
+Touch = tuple[Any, ...]
+"""A contact point as PyBullet's getContactPoints gives it."""
+
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
@@ -100,17 +106,30 @@ class Simulation:
             ActionError: the command is not finite; nothing was simulated.
             SimulationError: the physics produced a number that is not finite.
         """
+        return self.read(list(chain.from_iterable(self.substeps(command))))
+
+    def substeps(self, command: Command) -> Iterator[list[Touch]]:
+        """Drive one control step, a physics step at a time; yields what the body touches after each.
+
+        Raises:
+            ActionError: the command is not finite; nothing was simulated.
+        """
         self._car.drive(wheel_targets(clip_command(command, self._physics), self._robot))
         step_physics, contact_points = self._step_physics, pybullet.getContactPoints
         car, walls, client = self.car_id, self.walls_id, self.client_id
-        touches: list[tuple] = []
         for _ in range(self._physics.n_substeps):
             step_physics()
-            if walls != _NO_BODY:
-                touches += contact_points(car, walls, physicsClientId=client)
+            yield [] if walls == _NO_BODY else contact_points(car, walls, physicsClientId=client)
+
+    def read(self, touches: list[Touch]) -> RobotState:
+        """Return the state now; `touches` are those since the control step began.
+
+        Raises:
+            SimulationError: the physics produced a number that is not finite.
+        """
         return self._car.read(bool(touches), self._touches_low_obstacle(touches))
 
-    def _touches_low_obstacle(self, touches: list[tuple]) -> bool:
+    def _touches_low_obstacle(self, touches: list[Touch]) -> bool:
         if not touches or self._world is None or self._world.low_obstacles.is_empty:
             return False
         points_world = np.array([touch[6][:2] for touch in touches])
