@@ -49,6 +49,8 @@ class Car:
             filters = (GROUP_WHEELS, GROUP_FLOOR) if link in self._wheels else (GROUP_BODY, _NOT_RAYS)
             self._client.setCollisionFilterGroupMask(self.body_id, link, *filters)
             self._client.changeDynamics(self.body_id, link, linearDamping=0.0, angularDamping=0.0)
+            if link not in self._wheels:  # a convex mesh would touch 1 mm outside of itself
+                self._client.changeDynamics(self.body_id, link, collisionMargin=0.0)
 
     def reset(self, pose: Pose2) -> None:
         """Stand the car still at `pose` with straight wheels, with no contact left from before."""

@@ -58,7 +58,8 @@ class Simulation:
         shape_id = self._client.createCollisionShape(shape_type, **shape)
         body_id = self._client.createMultiBody(0.0, shape_id)
         self._client.setCollisionFilterGroupMask(body_id, -1, group, mask)
-        self._client.changeDynamics(body_id, -1, lateralFriction=1.0)
+        # Without the margin of 1 mm, contact begins where the footprint meets the outlines of the walls.
+        self._client.changeDynamics(body_id, -1, lateralFriction=1.0, collisionMargin=0.0)
         return body_id
 
     def set_world(self, world: World) -> None:
@@ -98,6 +99,11 @@ class Simulation:
         self._car.reset(pose)
         self._car.drive(wheel_targets(Command(0.0, 0.0), self._robot))
         return self._car.read(contact=False, unseen_contact=False)
+
+    def touches(self) -> list[Touch]:
+        """Return what the body touches where it stands now; no time passes."""
+        self._client.performCollisionDetection()
+        return [] if self.walls_id == _NO_BODY else list(self._client.getContactPoints(self.car_id, self.walls_id))
 
     def step(self, command: Command) -> RobotState:
         """Drive one control step; the command is clipped to the limits.
