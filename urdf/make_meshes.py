@@ -1,4 +1,7 @@
-"""Makes the meshes that zebrat.urdf shows: `python urdf/make_meshes.py` writes meshes/*.stl. They carry no physics."""
+"""Makes the meshes of the shipped cars: `python urdf/make_meshes.py` writes meshes/*.stl.
+
+They are for show, but for hexagon.stl, which is also the collision shape and so the footprint of hexagon.urdf.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +18,7 @@ MESHES = Path(__file__).parent / "meshes"
 WHEEL_RADIUS, WHEEL_WIDTH = 0.15, 0.09
 AXLES_X = (-0.271, 0.289)
 BODY_HALF_WIDTH, CABIN_HALF_WIDTH = 0.288, 0.245
+HEXAGON = [(-0.6, 0.0), (-0.3, -0.35), (0.3, -0.35), (0.6, 0.0), (0.3, 0.35), (-0.3, 0.35)]
 GRID = 0.05  # length of an edge, which smooth stripes and curves need
 
 
@@ -184,6 +188,16 @@ def about_y(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return mesh
 
 
+def stack(layers: list[tuple[float, float]]) -> trimesh.Trimesh:
+    """Return the hexagonal body through layers of (z, inset), lowest first."""
+    rings = [
+        np.insert(shapely.Polygon(HEXAGON).buffer(-inset, join_style="mitre").exterior.coords[:-1], 2, z, axis=1)
+        for z, inset in layers
+    ]
+    pairs = zip(rings, rings[1:], strict=False)
+    return trimesh.util.concatenate([trimesh.convex.convex_hull(np.concatenate(pair)) for pair in pairs])
+
+
 def main() -> None:
     """Write every mesh."""
     places = np.arange(-0.46, 0.60, 0.082)
@@ -199,6 +213,9 @@ def main() -> None:
         "windows": windows,
         "tyre": tyre(),
         "rim": rim(),
+        "hexagon": stack([(0.09, 0.0), (0.40, 0.0)]),
+        "hexagon_coat": stack([(0.10, 0.03), (0.13, 0.006), (0.25, 0.006), (0.37, 0.10), (0.39, 0.14)]),
+        "hexagon_trim": stack([(0.17, 0.0), (0.20, 0.0)]),
     }
     for name, mesh in meshes.items():
         mesh.export(MESHES / f"{name}.stl")
