@@ -1,0 +1,172 @@
+"""Hybrid A* (Dolgov et al. 2010): forward and reverse arcs over the car's exact outline, guided by the map.
+
+A node is a true pose of the rear axle; nodes that share a cell of (x, y, yaw, direction) compete, and the cheapest
+stays. What remains to the goal is estimated by Dijkstra's distance over the cells in which the rear axle can be.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.errors import ConfigError, PlanError
+from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances
+from zebrat_bullet.planning.arc_search import Field, Found, Goal, Moves, distances_to, search
+from zebrat_bullet.planning.footprint_check import index_walls, outline_about_axle
+from zebrat_bullet.planning.grid import OccupancyGrid
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Pose2
+
+# A start nearer to a wall than the margin is left within this much driving.
+_LEAVE_START_M = 1.0
+_PADDING_M = 3.0
+# Cells further from the goal than the start by more than this are not looked at.
+_DETOUR_M = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class HybridAStarConfig:
+    """How finely the search looks, and what it dislikes; costs in metres of driving.
+
+    Attributes:
+        max_steering_rad: arcs are driven with at most this steering, `n_steering` angles evenly spaced.
+        arc_m: length of an arc; `check_m`: spacing of the collision checks along it.
+        cell_m, n_yaw: size of a cell, and into how many the full turn is divided.
+        reverse_cost: of each metre driven backward, on top of its length.
+        reversal_cost: of each change between forward and backward.
+        steering_cost: of each radian of change in steering.
+        margins_m: clearances tried in turn, the widest first.
+        goal_radius_m: how near to the goal the lidar must come.
+        max_nodes: the search gives up after so many.
+    """
+
+    max_steering_rad: float = 0.6
+    n_steering: int = 7
+    arc_m: float = 0.2
+    check_m: float = 0.04
+    cell_m: float = 0.1
+    n_yaw: int = 72
+    reverse_cost: float = 1.0
+    reversal_cost: float = 1.0
+    steering_cost: float = 0.1
+    margins_m: tuple[float, ...] = (0.08, 0.05, 0.03, 0.01)
+    goal_radius_m: float = 0.3
+    max_nodes: int = 5_000_000
+
+    def __post_init__(self) -> None:
+        if not (0 < self.check_m <= self.arc_m and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
+            raise ConfigError(
+                "a search needs 0 < check_m <= arc_m, cell_m above 0, n_yaw of at least 8 and n_steering of at least "
+                f"3, got {self}"
+            )
+        if not self.margins_m or min(self.margins_m) < 0.0:
+            raise ConfigError(f"margins_m must name at least one clearance, none below 0, got {self.margins_m}")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A path that keeps `margin_m` from every wall (but near a start that stands nearer), and what it took to find.
+
+    Attributes:
+        path: from the start to a pose whose lidar is at the goal.
+        margin_m: the widest of the margins tried for which there was one.
+        n_nodes: poses looked at, for all margins together.
+    """
+
+    path: ArcPath
+    margin_m: float
+    n_nodes: int
+
+
+def plan_path(
+    walls: shapely.MultiPolygon,
+    robot: RobotModel,
+    start: Pose2,
+    goal_world: NDArray[np.float64],
+    config: HybridAStarConfig | None = None,
+) -> Plan:
+    """Find a short drive with few reversals that brings the lidar to a goal.
+
+    Args:
+        walls: all that the body can hit, world frame.
+        robot: the car.
+        start: its base frame.
+        goal_world: (2,) m.
+        config: the search; its defaults if None.
+
+    Raises:
+        PlanError: there is none with any of the margins; the message says how near to the goal the search came.
+    """
+    config = config or HybridAStarConfig()
+    axle = axle_pose(start, robot)
+    start_clearance = float(clearances(axle[None], robot, walls)[0])
+    if start_clearance == 0.0:
+        raise PlanError(f"the car touches a wall where it starts, at ({start.x:.2f}, {start.y:.2f}); move it")
+    field = _field(walls, robot, axle, goal_world, config)
+    lidar = robot.lidar_xyz_base[:2] - (robot.rear_axle_x_m, 0.0)
+    goal = Goal(*map(float, goal_world), config.goal_radius_m, *map(float, lidar))
+    moves = _moves(robot, config)
+    index = index_walls(walls, robot, max(config.margins_m))
+    n_nodes, nearest = 0, math.inf
+    for margin in config.margins_m:
+        outline = outline_about_axle(robot, margin)
+        # The corner of an enlarged outline stands out by more than the margin: 0.7 keeps it off the walls.
+        leaving = outline_about_axle(robot, min(margin, 0.7 * start_clearance))
+        found = search(axle, goal, field, config.n_yaw, moves, index, outline, leaving, _LEAVE_START_M, config.max_nodes)
+        n_nodes, nearest = n_nodes + len(found.parents), min(nearest, found.nearest_m)
+        if found.last >= 0:
+            return Plan(_path(found), margin, n_nodes)
+    raise PlanError(
+        f"no drive from ({start.x:.2f}, {start.y:.2f}) to ({goal_world[0]:.2f}, {goal_world[1]:.2f}) keeps "
+        f"{min(config.margins_m)} m from the walls; the nearest came within {nearest:.2f} m; widen the passage there"
+    )
+
+
+def _field(
+    walls: shapely.MultiPolygon,
+    robot: RobotModel,
+    axle: NDArray[np.float64],
+    goal_world: NDArray[np.float64],
+    config: HybridAStarConfig,
+) -> Field:
+    """Return every cell's distance to the goal, and which cells are worth a visit."""
+    grid = OccupancyGrid.of_walls(walls, config.cell_m, _PADDING_M, [axle[:2], goal_world])
+    footprint = shapely.Polygon(robot.footprint_base)
+    inscribed = footprint.exterior.distance(shapely.Point(robot.rear_axle_x_m, 0.0))
+    # From centre to centre of two cells, while axle and wall may each be half a diagonal nearer.
+    free = grid.distance_m > inscribed - math.sqrt(2.0) * config.cell_m
+    row, column = grid.cells_of(goal_world)
+    to_goal = distances_to(free, row, column, config.cell_m)
+    here = to_goal[tuple(grid.cells_of(axle[:2]))]
+    worth = to_goal <= here + _DETOUR_M if math.isfinite(here) else np.isfinite(to_goal)
+    ids = np.where(worth, np.cumsum(worth).reshape(worth.shape) - 1, -1)
+    return Field(to_goal, ids, *map(float, grid.origin_world), config.cell_m)
+
+
+def _moves(robot: RobotModel, config: HybridAStarConfig) -> Moves:
+    steering = np.linspace(-config.max_steering_rad, config.max_steering_rad, config.n_steering)
+    n_checks = math.ceil(config.arc_m / config.check_m - 1e-9)
+    curvatures = np.tan(steering) / robot.wheelbase_m
+    costs = config.reverse_cost, config.reversal_cost, config.steering_cost
+    return Moves(steering, curvatures, config.arc_m, n_checks, *costs)
+
+
+def _path(found: Found) -> ArcPath:
+    """Trace the path back from the goal; arcs of one steering and direction become one, up to a quarter turn."""
+    nodes = [found.last]
+    while found.parents[nodes[-1]] >= 0:
+        nodes.append(int(found.parents[nodes[-1]]))
+    nodes.reverse()
+    kept = nodes[:1]
+    for before, node, after in zip(nodes, nodes[1:], [*nodes[2:], None], strict=False):
+        del before
+        same = after is not None and (found.moves[node], found.directions[node]) == (
+            found.moves[after],
+            found.directions[after],
+        )
+        turn = 0.0 if after is None else abs(found.poses[after, 2] - found.poses[kept[-1], 2])
+        if not same or turn > math.pi / 2.0:
+            kept.append(node)
+    return ArcPath(found.poses[kept], found.directions[kept[1:]])
