@@ -47,7 +47,7 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
-    (folder / "versions.json").write_text(json.dumps(_versions(), indent=2))
+    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
     _run(config, folder, on_progress, resume=False)
 
 
@@ -79,7 +79,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
         if config.init:
             model.set_parameters(config.init, device="cpu")
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    provenance = {"config": json.loads(to_json(config))} | _versions()
+    provenance = {"config": json.loads(to_json(config))} | run_versions()
     callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
     try:
         if state.get("episode", 0) < config.episodes:
@@ -107,7 +107,8 @@ def _from_the_start(task: TaskConfig) -> TaskConfig:
     return replace(task, episode=replace(task.episode, start="start"))
 
 
-def _versions() -> dict[str, object]:
+def run_versions() -> dict[str, object]:
+    """Return the versions of what a run's result depends on, and the git hash of the checkout."""
     here = Path(__file__).parent
     git = subprocess.run(["git", "-C", here, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
     return {

@@ -1,0 +1,179 @@
+"""A data set of driving to imitate: a folder of ordinary episode records, recorded from any driver.
+
+Every `.npz` below the folder is one episode (`evaluation/records.py` documents each array). Row t pairs what the driver
+saw with what it did: `obs_m[t]` (and `command[t - 1]`, the last command, zero at t = 0) with `command[t]`. Beside a
+record may lie `NAME.labels.npy`, (T, 2) float64, m/s and rad: what an expert would have done at each step of it.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.agents import Agent
+from zebrat_bullet.config import TaskConfig, from_json
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.judge import record_path
+from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
+from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
+from zebrat_bullet.world import load_world
+
+MAX_FAILURES_IN_A_ROW = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Demonstration:
+    """One episode to imitate: its record and the (T, 2) commands that are right, in m/s and rad."""
+
+    record: EpisodeRecord
+    labels: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Encoded training data.
+
+    Attributes:
+        observations: (N, n_rays + 2) float32, as `ObservationSpec.encode` makes them.
+        actions: (N, 2) float32 in [-1, 1].
+        episode: (N,) int64, which episode each pair is from.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    episode: NDArray[np.int64]
+
+
+def demonstrate(
+    agent: Agent,
+    worlds: Sequence[str],
+    n_pairs: int,
+    folder: Path,
+    task: TaskConfig,
+    seed: int = 0,
+    on_pairs: Callable[[int], None] = lambda n_pairs: None,
+) -> dict[str, int]:
+    """Let an agent drive, world after world, until its successful episodes hold enough pairs; keep every record.
+
+    Args:
+        agent: the driver.
+        worlds: world names or files, one episode in each, then the next in each.
+        n_pairs: steps to reach; the last episode is driven to its end.
+        folder: where the records go; must be empty or absent.
+        task: the task driven.
+        seed: of the start poses and the agent.
+        on_pairs: told after each episode how many pairs there are.
+
+    Returns:
+        "pairs", "episodes" and "successes".
+
+    Raises:
+        ConfigError: the folder holds something, or nothing was asked for.
+        ZebratError: the agent does not succeed in 20 episodes in a row.
+    """
+    if n_pairs < 1 or not worlds:
+        raise ConfigError(
+            f"demonstrate at least 1 pair in at least one world, got {n_pairs} pairs, {len(worlds)} worlds"
+        )
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
+    loaded = [load_world(name) for name in worlds]
+    drive = Drive(task, loaded[0])
+    done = {"pairs": 0, "episodes": 0, "successes": 0}
+    failures = 0
+    while done["pairs"] < n_pairs:
+        round_, i = divmod(done["episodes"], len(worlds))
+        record = run_episode(drive, agent, seed, round_, loaded[i])
+        save_record(record, record_path(folder, worlds[i], round_))
+        success = record.outcome == "success"
+        failures = 0 if success else failures + 1
+        done["episodes"] += 1
+        done["successes"] += success
+        done["pairs"] += success * len(record.command)
+        on_pairs(done["pairs"])
+        if failures == MAX_FAILURES_IN_A_ROW:
+            raise ZebratError(
+                f"{agent.name} failed in {failures} episodes in a row, the last in {record.world} by {record.outcome}; "
+                f"name another agent or easier worlds (the records are in {folder})"
+            )
+    drive.close()
+    return done
+
+
+def labels_path(record: Path) -> Path:
+    """Return where the expert's labels of a record lie."""
+    return record.with_suffix(".labels.npy")
+
+
+def load_demonstrations(folder: Path) -> list[Demonstration]:
+    """Read a data set in the order of its file names.
+
+    An episode without labels is copied only if it succeeded: what a driver did on its way into a wall is nothing to
+    learn. With an expert's labels every episode counts, the failed ones most.
+
+    Raises:
+        ConfigError: there is nothing to imitate, or the episodes differ in what was observed or commanded.
+        ZebratError: a file is not an episode record, or its labels do not fit it.
+    """
+    found = list(_demonstrations(folder))
+    if not found:
+        raise ConfigError(
+            f"{folder} holds no successful episode; record some with `zebrat demonstrate` or `zebrat teleop`"
+        )
+    specs = {observation_of(demonstration.record) for demonstration in found}
+    if len(specs) > 1:
+        raise ConfigError(f"{folder}: the episodes differ in bearings, reach or limits: {specs}; keep one kind of them")
+    return found
+
+
+def _demonstrations(folder: Path) -> Iterator[Demonstration]:
+    for path in sorted(folder.rglob("*.npz")):
+        record = load_record(path)
+        if labels_path(path).exists():
+            labels = np.load(labels_path(path), allow_pickle=False)
+            if labels.shape != record.command.shape:
+                raise ZebratError(
+                    f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}; label it again"
+                )
+            yield Demonstration(record, labels)
+        elif record.outcome == "success":
+            yield Demonstration(record, record.command)
+
+
+def observation_of(record: EpisodeRecord) -> ObservationSpec:
+    """Return the observation of the task that an episode was driven in."""
+    task = from_json(TaskConfig, record.task)
+    return ObservationSpec(
+        n_rays=len(record.range_m),
+        range_max_m=task.lidar.range_max_m,
+        max_speed_mps=task.physics.max_speed_mps,
+        max_steering_rad=task.physics.max_steering_rad,
+    )
+
+
+def encode_pairs(demonstrations: Sequence[Demonstration], observation: ObservationSpec) -> Pairs:
+    """Return every step of the demonstrations as training data."""
+    observations = [observation.encode(r) for demonstration in demonstrations for r in _readings(demonstration.record)]
+    labels = np.concatenate([demonstration.labels for demonstration in demonstrations])
+    lengths = [len(demonstration.labels) for demonstration in demonstrations]
+    return Pairs(
+        np.array(observations),
+        np.clip(labels / observation.limits, -1.0, 1.0).astype(np.float32),
+        np.repeat(np.arange(len(lengths)), lengths),
+    )
+
+
+def _readings(record: EpisodeRecord) -> Iterator[Reading]:
+    """Yield the reading before each command, as the driver had it."""
+    reach = from_json(TaskConfig, record.task).lidar.range_max_m
+    last = Command(0.0, 0.0)
+    for t, (speed, steering) in enumerate(record.command):
+        clearance = Clearance(record.obs_m[t], record.range_m, False)
+        scan = FlatScan(record.scan_m[t], reach)
+        yield Reading(scan, clearance, last, float(record.speed_mps[t]), float(record.time_s[t]))
+        last = Command(float(speed), float(steering))
