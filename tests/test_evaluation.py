@@ -60,7 +60,7 @@ def test_rates_add_up_and_time_counts_successes_only(drive):
 
 
 def test_every_agent_meets_the_same_starts(drive):
-    random = load_agent("random", EMBREE.physics)
+    random = load_agent("random", EMBREE)
     for episode in range(3):
         one, two = run_episode(drive, Straight(), 7, episode), run_episode(drive, random, 7, episode)
         assert np.array_equal(one.pose[0], two.pose[0])
@@ -84,7 +84,7 @@ def test_a_saved_record_replays_exactly_with_noise(tmp_path, caster):
     task = replace(EMBREE, lidar=LidarConfig(caster=caster), noise=NoiseConfig(range_sigma_m=0.01, dropout=0.01))
     world = load_world("track_2")
     drive = Drive(task, world)
-    record = run_episode(drive, load_agent("random", task.physics), 3, 1)
+    record = run_episode(drive, load_agent("random", task), 3, 1)
     drive.close()
     save_record(record, tmp_path / "episode.npz")
     loaded = load_record(tmp_path / "episode.npz")
@@ -127,7 +127,7 @@ def test_a_record_from_a_users_own_world_names_the_file_it_can_be_loaded_from(tm
     mine = tmp_path / "mine.yaml"
     mine.write_text((asset_folder("worlds") / "track_2.yaml").read_text())
     drive = Drive(EMBREE, load_world(mine))
-    record = run_episode(drive, load_agent("random", EMBREE.physics), 0, 0)
+    record = run_episode(drive, load_agent("random", EMBREE), 0, 0)
     assert replay_episode(drive, record, load_world(record.world)).outcome == record.outcome
     drive.close()
     assert record.world == str(mine) and load_world("track_2").source == "track_2"

@@ -14,7 +14,7 @@ import torch
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig, to_json, with_overrides
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
 from zebrat_bullet.training.checkpoint import load_checkpoint
@@ -111,7 +111,7 @@ def test_a_run_leaves_all_that_is_needed_to_trust_it(tmp_path):
     versions = json.loads((folder / "versions.json").read_text())
     assert versions["versions"]["torch"] == torch.__version__
     assert summarise(folder)["episodes"] == 8
-    assert load_agent(str(folder), PhysicsConfig()).provenance["config"]["episodes"] == 8
+    assert load_agent(str(folder), TaskConfig()).provenance["config"]["episodes"] == 8
     with pytest.raises(ConfigError, match="holds a run already"):
         train(TINY, folder)
 
@@ -172,7 +172,7 @@ def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
 def test_a_file_that_is_no_policy_is_refused(tmp_path):
     (tmp_path / "x.safetensors").write_bytes(b"nothing at all")
     with pytest.raises(PolicyError, match="not a safetensors file"):
-        load_agent(str(tmp_path / "x.safetensors"), PhysicsConfig())
+        load_agent(str(tmp_path / "x.safetensors"), TaskConfig())
 
 
 def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):

@@ -72,7 +72,7 @@ def evaluate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from zebrat_bullet.evaluation.judge import Judgement, judge
     from zebrat_bullet.report.tables import score_table
 
-    out = arguments.out or Path("results") / f"evaluate-{Path(arguments.agent).stem}"
+    out = arguments.out or Path("results") / f"evaluate-{_file_name(arguments.agent)}"
     what = Judgement(
         agent=arguments.agent,
         worlds=tuple(arguments.worlds),
@@ -121,10 +121,10 @@ def video(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
     task = _task(arguments)
     drive = Drive(task, load_world(arguments.world))
-    agent = load_agent(arguments.agent, task.physics, arguments.action_noise)
+    agent = load_agent(arguments.agent, task, arguments.action_noise)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
-    arguments.out = arguments.out or Path("results") / f"{Path(arguments.agent).stem}-{Path(arguments.world).stem}.mp4"
+    arguments.out = arguments.out or Path("results") / f"{_file_name(arguments.agent)}-{Path(arguments.world).stem}.mp4"
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
@@ -180,6 +180,11 @@ def _task(arguments: argparse.Namespace) -> TaskConfig:
     task = TaskConfig(robot=arguments.robot, reward=REWARD_PRESETS[arguments.reward])
     task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
     return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise))
+
+
+def _file_name(agent: str) -> str:
+    """Return an agent's name or path as part of a file name."""
+    return Path(agent).name.removesuffix(".safetensors").replace(":", "-").replace(",", "-")
 
 
 def _note(arguments: argparse.Namespace, message: str) -> None:
@@ -245,7 +250,11 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 
     made = command(evaluate, task, reward)
-    made.add_argument("--agent", required=True, help="shipped, random, a .safetensors policy or a run folder")
+    made.add_argument(
+        "--agent",
+        required=True,
+        help="shipped, random, dwa, ... (with settings: dwa:inflation_radius_m=0.5), a .safetensors policy or a run folder",
+    )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
     made.add_argument("--workers", type=int, help="processes (default: one a core)")

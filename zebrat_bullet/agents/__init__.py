@@ -1,43 +1,60 @@
 """Drivers behind one protocol, and the way to get one by name or file."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import AssetError
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import AssetError, ConfigError
 
 __all__ = ["PRIVILEGES", "Agent", "load_agent"]
 
+Factory = Callable[[TaskConfig, Sequence[str]], Agent]
+"""Makes an agent for a task, its config varied by "key=value" texts; imports what it needs only then."""
 
-def load_agent(name_or_path: str, limits: PhysicsConfig, noise_sigma: float = 0.0) -> Agent:
+
+def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) -> Agent:
     """Return an agent by name ("random", "shipped", ...), by policy file, or by training run folder (its best policy).
 
     Args:
-        name_or_path: which agent.
-        limits: the command limits of the task it will drive in.
+        name_or_path: which agent; those of `FACTORIES` may carry settings: "dwa:inflation_radius_m=0.5,vx_samples=10".
+        task: the task it will drive in: the robot, the limits of its commands.
         noise_sigma: Gaussian noise on its commands, as a fraction of the limits.
 
     Raises:
         AssetError: there is no such agent; the message lists those there are.
+        ConfigError: the agent has no such setting.
         PolicyError: the file is not a policy of this package.
     """
-    agent = _load(name_or_path, limits)
+    agent = _load(name_or_path, task)
     if noise_sigma == 0.0:
         return agent
-    return NoisyAgent(agent, noise_sigma, limits.max_speed_mps, limits.max_steering_rad)
+    return NoisyAgent(agent, noise_sigma, task.physics.max_speed_mps, task.physics.max_steering_rad)
 
 
-def _load(name_or_path: str, limits: PhysicsConfig) -> Agent:
-    if name_or_path == "random":
-        return RandomAgent(limits.max_speed_mps, limits.max_steering_rad)
+def _load(name_or_path: str, task: TaskConfig) -> Agent:
+    name, _, settings = name_or_path.partition(":")
+    if name in FACTORIES:
+        agent = FACTORIES[name](task, settings.split(",") if settings else [])
+        agent.name = name_or_path
+        return agent
     if (Path(name_or_path) / "best.safetensors").is_file():
         return load_policy(str(Path(name_or_path) / "best.safetensors"))
     try:
         return load_policy(name_or_path)
     except AssetError as error:
-        known = ", ".join(["random", *list_assets("policies", ".safetensors")])
+        known = ", ".join([*FACTORIES, *list_assets("policies", ".safetensors")])
         raise AssetError(
             f"no agent {name_or_path!r}: name one of {known}, a .safetensors policy, or a training run folder"
         ) from error
+
+
+def _random(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    if settings:
+        raise ConfigError(f"the agent 'random' has no settings, got {', '.join(settings)}; leave them out")
+    return RandomAgent(task.physics.max_speed_mps, task.physics.max_steering_rad)
+
+
+FACTORIES: dict[str, Factory] = {"random": _random}

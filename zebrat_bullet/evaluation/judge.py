@@ -26,7 +26,7 @@ class Judgement:
     """What to judge.
 
     Attributes:
-        agent: an agent's name, policy file or run folder.
+        agent: an agent's name (with settings: "dwa:allow_reverse=true"), policy file or run folder.
         worlds: world names or files.
         episodes: episodes in each world.
         seed: first part of every episode's seed; episode k of a world starts the same for every agent.
@@ -64,7 +64,7 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
     Raises:
         ZebratError: the agent or a world cannot be loaded; nothing was driven then.
     """
-    load_agent(what.agent, what.task.physics)
+    load_agent(what.agent, what.task)
     for world in what.worlds:
         load_world(world)
     jobs = [
@@ -93,7 +93,7 @@ def _one_thread() -> None:
 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
-    agent = load_agent(what.agent, what.task.physics, what.action_noise)
+    agent = load_agent(what.agent, what.task, what.action_noise)
     drive = Drive(what.task, load_world(world))
     records = []
     for episode in episodes:

@@ -17,6 +17,7 @@ class Score:
         success_ci: 95 % Wilson interval of the success rate.
         time_s: mean simulated time of the successes; None when nothing succeeded.
         causes: number of episodes by outcome.
+        privileged: what the agent was given beyond the lidar.
     """
 
     success: float
@@ -28,6 +29,7 @@ class Score:
     caster: str
     seed: int
     causes: dict[str, int]
+    privileged: tuple[str, ...]
 
     def as_dict(self) -> dict[str, object]:
         """Return the score as plain values for JSON."""
@@ -57,4 +59,5 @@ def score(records: Sequence[EpisodeRecord]) -> Score:
         caster=records[0].caster,
         seed=records[0].seed,
         causes=causes,
+        privileged=records[0].privileged,
     )

@@ -35,6 +35,7 @@ class EpisodeRecord:
         obs_m: (T+1, R) V_obs; `range_m`: (R,) V_range.
         scan_m: (T+1, B) flattened scan, float32.
         term_names: names of the reward terms.
+        privileged: what the agent was given beyond the lidar, sorted.
     """
 
     world: str
@@ -58,6 +59,7 @@ class EpisodeRecord:
     obs_m: NDArray[np.float32]
     range_m: NDArray[np.float32]
     scan_m: NDArray[np.float32]
+    privileged: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -98,5 +100,6 @@ def load_record(path: Path) -> EpisodeRecord:
         ) from error
     if header.pop("schema") != SCHEMA:
         raise ZebratError(f"{path} has another schema than {SCHEMA}; write it again with `zebrat evaluate`")
-    header["term_names"] = tuple(header["term_names"])
+    for name in ("term_names", "privileged"):
+        header[name] = tuple(header.get(name, ()))
     return EpisodeRecord(**header, **arrays)

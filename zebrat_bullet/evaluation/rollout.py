@@ -55,10 +55,9 @@ def run_episode(
 class _Commands:
     """An agent that gives recorded commands, one after the other."""
 
-    privileged: frozenset[str] = frozenset()
-
     def __init__(self, record: EpisodeRecord) -> None:
         self.name, self._commands = record.agent, record.command
+        self.privileged = frozenset(record.privileged)
 
     def reset(self, seed: int) -> None:
         self._next = iter(self._commands)
@@ -138,4 +137,5 @@ def _record(
         obs_m=np.array([reading.clearance.obs_m for reading in readings]),
         range_m=drive.region.range_m,
         scan_m=np.array([reading.scan.ranges_m for reading in readings]),
+        privileged=tuple(sorted(agent.privileged)),
     )

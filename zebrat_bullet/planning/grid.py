@@ -78,7 +78,8 @@ class OccupancyGrid:
 
     def contains(self, cells: ArrayLike) -> NDArray[np.bool_]:
         """Return which of (..., 2) cells lie in the grid."""
-        return ((np.asarray(cells) >= 0) & (np.asarray(cells) < self.occupied.shape)).all(axis=-1)
+        inside = (np.asarray(cells) >= 0) & (np.asarray(cells) < self.occupied.shape)
+        return np.asarray(inside.all(axis=-1))
 
 
 def inscribed_radius_m(footprint_base: NDArray[np.float64]) -> float:

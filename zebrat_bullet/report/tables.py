@@ -7,10 +7,14 @@ from zebrat_bullet.evaluation.metrics import Score
 
 
 def score_table(scores: Mapping[str, Score]) -> str:
-    """Return one row a world: rates, the 95 % Wilson interval of success, mean time, and why the rest failed."""
+    """Return one row a world: rates, the 95 % Wilson interval of success, mean time, and why the rest failed.
+
+    The last column is what the agent was given beyond the lidar.
+    """
     rows = [
-        "| world | success | 95 % interval | collision | fail | time of successes | episodes | causes of the rest |",
-        "|---|---|---|---|---|---|---|---|",
+        "| world | success | 95 % interval | collision | fail | time of successes | episodes | causes of the rest "
+        "| beyond the lidar |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     return "\n".join(rows + [_row(world, score) for world, score in scores.items()])
 
@@ -31,5 +35,5 @@ def _row(world: str, score: Score) -> str:
     causes = ", ".join(f"{count} {cause}" for cause, count in score.causes.items() if cause != "success") or "-"
     return (
         f"| {world} | {score.success:.0%} | {low:.0%}-{high:.0%} | {score.collision:.0%} | {score.fail:.0%} "
-        f"| {time} | {score.episodes} | {causes} |"
+        f"| {time} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
     )
