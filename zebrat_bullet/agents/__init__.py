@@ -6,8 +6,9 @@ from pathlib import Path
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import TaskConfig, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.robot import load_robot
 
 __all__ = ["PRIVILEGES", "Agent", "load_agent"]
 
@@ -57,4 +58,11 @@ def _random(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return RandomAgent(task.physics.max_speed_mps, task.physics.max_steering_rad)
 
 
-FACTORIES: dict[str, Factory] = {"random": _random}
+def _oracle(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    from zebrat_bullet.agents.oracle import OracleAgent
+    from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
+
+    return OracleAgent(load_robot(task.robot), task.physics, with_overrides(HybridAStarConfig(), settings))
+
+
+FACTORIES: dict[str, Factory] = {"random": _random, "oracle": _oracle}

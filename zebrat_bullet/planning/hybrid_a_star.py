@@ -114,7 +114,9 @@ def plan_path(
         outline = outline_about_axle(robot, margin)
         # The corner of an enlarged outline stands out by more than the margin: 0.7 keeps it off the walls.
         leaving = outline_about_axle(robot, min(margin, 0.7 * start_clearance))
-        found = search(axle, goal, field, config.n_yaw, moves, index, outline, leaving, _LEAVE_START_M, config.max_nodes)
+        found = search(
+            axle, goal, field, config.n_yaw, moves, index, outline, leaving, _LEAVE_START_M, config.max_nodes
+        )
         n_nodes, nearest = n_nodes + len(found.parents), min(nearest, found.nearest_m)
         if found.last >= 0:
             return Plan(_path(found), margin, n_nodes)

@@ -1,0 +1,78 @@
+"""The yardstick: knows pose, map and goal, plans the whole drive once and follows it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from zebrat_bullet.agents.agent import PRIVILEGES
+from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.errors import PlanError
+from zebrat_bullet.planning.arc_path import ArcPath
+from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
+from zebrat_bullet.planning.tracking import PathTracker
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Command, Reading
+
+# Left to the tracker, so that it can correct in the tightest bend too.
+_STEERING_RESERVE_RAD = 0.04
+_STRAYED_M = 0.15
+_STRAYED_RAD = 0.4
+# Straight on past the end of the plan: the judge, not the plan, says when open space is reached.
+_RUN_OUT_M = 3.0
+
+
+class OracleAgent:
+    """Hybrid A* from the true start pose over the true walls, and a tracker; it plans again where it has strayed.
+
+    Where there is no way it stands still, and the judge calls it stalled.
+
+    Args:
+        robot: the car it drives.
+        physics: the limits of its commands.
+        search: the planner; its steering is lessened by a reserve for the tracker as long as that leaves a way.
+    """
+
+    name = "oracle"
+    privileged = PRIVILEGES
+
+    def __init__(self, robot: RobotModel, physics: PhysicsConfig, search: HybridAStarConfig) -> None:
+        self._robot, self._physics = robot, physics
+        most = min(search.max_steering_rad, physics.max_steering_rad)
+        self._searches = [replace(search, max_steering_rad=at) for at in (most - _STEERING_RESERVE_RAD, most)]
+
+    def reset(self, seed: int) -> None:
+        """Forget the plan; the oracle leaves nothing to chance."""
+        self._tracker: PathTracker | None = None
+        self._planned = False
+
+    def act(self, reading: Reading) -> Command:
+        """Return the command for this reading; the first of an episode takes as long as a plan."""
+        assert reading.state is not None
+        if not self._planned or self._strayed():
+            self._plan(reading)
+        return Command(0.0, 0.0) if self._tracker is None else self._tracker.act(reading.state)
+
+    def _strayed(self) -> bool:
+        tracker = self._tracker
+        return tracker is not None and (
+            abs(tracker.lateral_error_m) > _STRAYED_M or abs(tracker.heading_error_rad) > _STRAYED_RAD
+        )
+
+    def _plan(self, reading: Reading) -> None:
+        """Plan from where the car is; keep the plan there was where no other is found."""
+        self._planned = True
+        assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
+        for search in self._searches:
+            try:
+                plan = plan_path(reading.walls, self._robot, reading.state.pose, reading.goal_world, search)
+            except PlanError:
+                continue
+            self._tracker = PathTracker(_run_out(plan.path), self._robot, self._physics)
+            return
+
+
+def _run_out(path: ArcPath) -> ArcPath:
+    """Return the path with a straight in its last direction added."""
+    end, direction = path.poses_world[-1], path.directions[-1]
+    step = direction * _RUN_OUT_M * np.array([np.cos(end[2]), np.sin(end[2]), 0.0])
+    return ArcPath(np.vstack([path.poses_world, end + step]), np.append(path.directions, direction))
