@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from zebrat_bullet.config import SafetyRegionConfig
@@ -28,6 +28,11 @@ SIDES = {"back": (-1.0, 0.0, 0.9), "right": (0.0, -1.0, 0.3), "front": (1.0, 0.0
 
 def region_of(outline: np.ndarray = RECTANGLE, **config: float | str) -> SafetyRegion:
     return SafetyRegion(outline, SafetyRegionConfig(**config), N)
+
+
+def make(kind: str, outline: np.ndarray) -> SafetyRegion:
+    classes = {"sr": SafetyRegion, "firect": FIRect, "fifr": FIFR}
+    return classes[kind](outline, SafetyRegionConfig(kind=kind), N)
 
 
 def exact_scan(walls: shapely.Geometry) -> FlatScan:
@@ -188,6 +193,133 @@ def test_between_two_bearings_it_is_blind() -> None:
     assert touches(post, RECTANGLE)
     assert scan.ranges_m[3] < 0.9  # the whole scan has it
     assert not region_of().measure(scan).collision
+
+
+@st.composite
+def outlines_about_a_mount(draw: st.DrawFn) -> np.ndarray:
+    """Return a convex outline, counter-clockwise, about a lidar at least 1 cm inside of it."""
+    millimetres = st.integers(-1000, 1000)
+    points = np.array(draw(st.lists(st.tuples(millimetres, millimetres), min_size=3, max_size=10))) / 1000.0
+    hull = shapely.MultiPoint(points).convex_hull
+    assume(hull.area > 0.05)
+    outline = np.array(shapely.geometry.polygon.orient(hull).exterior.coords)[:-1]
+    weights = np.array(draw(st.lists(st.floats(0.0, 1.0), min_size=len(outline), max_size=len(outline))))
+    assume(weights.sum() > 0.1)
+    mount = weights @ outline / weights.sum()
+    assume(shapely.distance(hull.exterior, shapely.Point(mount)) >= 0.01)
+    return outline - mount
+
+
+any_region = {
+    "outline": outlines_about_a_mount(),
+    "resolution_m": st.sampled_from([0.03, 0.095, 0.3]),
+    "n_bearings": st.sampled_from([72, 360, 1000]),
+}
+OBTUSE = np.array([[-0.9, -0.3], [-0.4, -0.3001], [0.1, -0.3], [0.1, 0.3], [-0.9, 0.3]])  # a corner of 0.02 degrees
+ON_AXIS = np.array([[-0.6, 0.0], [0.0, -0.4], [0.5, 0.0], [0.0, 0.4]])  # all corners on the axes
+NEAR_SIDE = RECTANGLE + np.array([0.0, 0.29])  # 1 cm from the right side
+SLIVER = np.array([[-0.05, -0.01], [3.0, -0.01], [3.0, 0.01], [-0.05, 0.01]])
+ODD = {"obtuse": OBTUSE, "on axis": ON_AXIS, "near a side": NEAR_SIDE, "sliver": SLIVER}
+
+
+def leaves(outline: np.ndarray, bearings: np.ndarray) -> np.ndarray:
+    """Return where along the outline, in m, rays from the lidar cross it: shapely's answer, for comparison."""
+    ring = shapely.LinearRing(outline)
+    ends = 20.0 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    rays = shapely.linestrings(np.stack([np.zeros_like(ends), ends], axis=1))
+    crossings = shapely.intersection(rays, ring)
+    return shapely.line_locate_point(ring, shapely.point_on_surface(crossings))
+
+
+def check_region(outline: np.ndarray, resolution_m: float, n_bearings: int) -> None:
+    """Hold all that is promised of the region of an outline."""
+    region = SafetyRegion(outline, SafetyRegionConfig(resolution_m=resolution_m), n_bearings)
+    indices, step = region.indices, 2.0 * math.pi / n_bearings
+    bearings = beam_bearings(n_bearings)[indices]
+
+    ascending = np.concatenate([indices[:1], indices[1:][indices[1:] > 0]])
+    assert indices[0] == 0 and (np.diff(ascending) >= 0).all()
+    assert (indices[len(np.trim_zeros(indices, "b")) :] == 0).all()  # what is 0 again comes last
+
+    axes = [region.back, region.right, region.front, region.left]
+    assert indices[axes].tolist() == [0, n_bearings // 4, n_bearings // 2, 3 * n_bearings // 4]
+    corners = np.arctan2(outline[:, 1], outline[:, 0])
+    watched = bearings[list(region.corners)]
+    off = np.abs(np.angle(np.exp(1j * (watched[None] - corners[:, None])))).min(axis=1)
+    assert len(region.corners) == len(outline) and off.max() <= step / 2 + 1e-8
+
+    points = shapely.points(region.range_m * np.cos(bearings), region.range_m * np.sin(bearings))
+    assert shapely.distance(shapely.LinearRing(outline), points).max() < 1e-6
+
+    turns = np.diff(np.append(bearings, math.pi)) % (2.0 * math.pi)
+    apart = turns > step * (1 + 1e-9)  # between these the outline is further apart than the scan's own step
+    at, after = leaves(outline, bearings + step / 2)[apart], leaves(outline, bearings + turns - step / 2)[apart]
+    assert ((after - at) % shapely.LinearRing(outline).length < 1.5 * resolution_m + 1e-6).all()
+
+
+@settings(max_examples=150, deadline=None)
+@given(**any_region)
+def test_any_convex_outline_is_watched_as_promised(outline: np.ndarray, resolution_m: float, n_bearings: int) -> None:
+    check_region(outline, resolution_m, n_bearings)
+
+
+@pytest.mark.parametrize("outline", ODD.values(), ids=ODD)
+@pytest.mark.parametrize("resolution_m", [0.03, 0.095, 0.3])
+def test_odd_outlines_are_watched_as_promised(outline: np.ndarray, resolution_m: float) -> None:
+    check_region(outline, resolution_m, N)
+
+
+def flush_wall(outline: np.ndarray, side: int, gap_m: float) -> shapely.Polygon:
+    """Return a wall 8 m long and 0.2 m thick along a side of the outline, `gap_m` outside of it."""
+    a, b = outline[side], outline[(side + 1) % len(outline)]
+    along = (b - a) / np.hypot(*(b - a))
+    outwards = np.array([along[1], -along[0]])
+    near = a + gap_m * outwards
+    corners = [near - 4 * along, near + 4 * along]
+    return shapely.Polygon([*corners, corners[1] + 0.2 * outwards, corners[0] + 0.2 * outwards])
+
+
+def watches_every_side(outline: np.ndarray, resolution_m: float) -> None:
+    """Hold that a wall flush with any long enough side is told from one that is not."""
+    region = SafetyRegion(outline, SafetyRegionConfig(resolution_m=resolution_m), N)
+    for side, length in enumerate(np.hypot(*(np.roll(outline, -1, axis=0) - outline).T)):
+        span = np.arctan2(*outline[[side, (side + 1) % len(outline)]].T[::-1])
+        wide_enough = (span[1] - span[0]) % (2 * math.pi) > 1.01 * 2 * math.pi / N
+        if length >= resolution_m and wide_enough:
+            assert region.measure(exact_scan(flush_wall(outline, side, -1e-4))).collision
+        assert not region.measure(exact_scan(flush_wall(outline, side, 1e-4))).collision
+
+
+@settings(max_examples=100, deadline=None)
+@given(outline=outlines_about_a_mount(), resolution_m=st.sampled_from([0.095, 0.3, 1.0]))
+def test_a_wall_flush_with_any_long_enough_side_is_seen(outline: np.ndarray, resolution_m: float) -> None:
+    watches_every_side(outline, resolution_m)
+
+
+def test_a_side_that_falls_between_two_indices_gets_a_bearing_of_its_own() -> None:
+    """A nose 0.105 m wide and 5 m ahead spans 20.4 to 21.6 degrees: its corners round to 20 and 22, beside it."""
+    angles = np.radians([-130.0, -40.0, 20.4, 21.6, 100.0])
+    outline = np.stack([np.cos(angles), np.sin(angles)], axis=1) * [[1.0], [1.0], [5.0], [5.0], [1.0]]
+    watches_every_side(outline, 0.1)
+    assert {200, 201, 202} <= set(SafetyRegion(outline, SafetyRegionConfig(resolution_m=0.1), N).indices.tolist())
+
+
+@settings(max_examples=200, deadline=None)
+@given(outline=outlines_about_a_mount(), piece=convex_piece, at=place, kind=st.sampled_from(["sr", "firect"]))
+def test_no_outline_fires_unless_the_exact_check_does(outline: np.ndarray, piece: list, at: tuple, kind: str) -> None:
+    wall = shapely.MultiPoint(np.array(piece) + at).convex_hull
+    if wall.area > 1e-6 and make(kind, outline).measure(exact_scan(wall)).collision:
+        assert touches(wall, outline, slack_m=1e-6)
+
+
+def test_an_outline_that_is_not_convex_is_refused() -> None:
+    with pytest.raises(ConfigError, match="convex hull"):
+        region_of(np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [0.0, 0.2], [-1.0, 1.0]]))
+
+
+def test_fifr_takes_half_the_width_wherever_the_lidar_is() -> None:
+    for offset in (-0.2, 0.0, 0.25):
+        assert np.allclose(make("fifr", RECTANGLE + np.array([0.0, offset])).range_m, 0.3)
 
 
 def test_fixed_intervals_have_as_many_bearings_at_equal_angles() -> None:

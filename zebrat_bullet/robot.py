@@ -26,6 +26,7 @@ _ROLE_TYPES = (
     dict.fromkeys(STEERING_JOINTS, "revolute") | dict.fromkeys(WHEEL_JOINTS, "continuous") | {LIDAR_JOINT: "fixed"}
 )
 _TOLERANCE_M = 1e-3
+_OUTLINE_TOLERANCE_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class RobotModel:
         track_m: left to right wheel centre.
         wheel_radius_m: of all four wheels.
         rear_axle_x_m: x of the rear axle in the base frame (negative).
-        footprint_base: (K, 2) float64, convex outline of the body's collision shape, counter-clockwise.
+        footprint_base: (K, 2) float64, convex outline of all collision shapes of the body together, counter-clockwise;
+            a hollow in the body belongs to it. Physics takes a mesh as its convex hull too.
         lidar_xyz_base: (3,) float64, position of the lidar.
         lidar_rpy: (3,) float64, its fixed-axis orientation.
         body_top_m: height of the highest collision shape.
@@ -193,6 +195,9 @@ def _shape_points(path: Path, shape: Collision) -> NDArray[np.float64]:
 
 def _convex_outline(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (K, 2) convex outline of (P, 2) points, counter-clockwise from the rear right corner."""
-    hull = shapely.geometry.polygon.orient(shapely.MultiPoint(points.round(9)).convex_hull)
+    hull = shapely.geometry.polygon.orient(shapely.MultiPoint(points).convex_hull)
     corners = np.array(hull.exterior.coords)[:-1]
-    return np.roll(corners, -int(np.argmin(corners @ (1.0, 1e-3))), axis=0)
+    corners = np.roll(corners, -int(np.argmin(corners @ (1.0, 1e-3))), axis=0)
+    # Vertices along the straight side of a mesh are no corners, though rounding puts some of them a hair outside.
+    straightened = shapely.LinearRing(corners).simplify(_OUTLINE_TOLERANCE_M)
+    return np.array(straightened.coords)[:-1].round(9)

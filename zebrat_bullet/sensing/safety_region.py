@@ -26,30 +26,38 @@ class SafetyRegion:
     the outline into phases; each phase is divided evenly in length into round(length / `resolution_m`) intervals. A
     point of the outline is watched by the scan index nearest to its bearing, with the range of that index's own
     bearing, so nothing outside the outline is called a collision. The axes are met exactly where `n_bearings` is a
-    multiple of 4.
+    multiple of 4. A side that would fall between two indices gets one more bearing, so that a wall flush with it is
+    seen: every side of at least `resolution_m` that some bearing of the scan meets is watched.
+
+    Neighbouring points lie less than 1.5 `resolution_m` apart (a phase of that length is one interval), and their
+    indices up to half a scan step further each. Where the outline runs away from the lidar, as along a long nose,
+    that half step is the larger part, and indices may repeat: only a finer scan sees more there. A lidar that is tilted,
+    or yawed by no whole number of scan steps, has its returns up to half a step beside their index as well.
 
     Args:
-        footprint_lidar: (K, 2) convex outline in m, counter-clockwise, about the lidar, x along the car's heading.
+        footprint_lidar: (K, 2) convex outline in m, about the lidar, x along the car's heading. Every corner takes a
+            bearing, so give a round body no more corners than it needs.
         config: spacing and margin; a margin moves every side outwards. The longer outline then holds more bearings at
             the same spacing: raise `resolution_m` with it to keep their number (0.05 m and 0.11 m keep ZebraT's 32).
         n_bearings: bearings of the scan.
 
     Attributes:
         outline_lidar: (K, 2) float64, the outline with its margin.
-        indices: (R,) int, V_index, scan index of each bearing.
+        indices: (R,) int, V_index, scan index of each bearing; they ascend, but the last may be 0 again.
         range_m: (R,) float32, V_range, from the lidar to the outline along the bearing of that index.
-        back, right, front, left: positions of the four axes among the R bearings.
+        back, right, front, left: positions among the R bearings of the four axes, or of what is nearest to them where
+            bearings ignore the axes (FIRect, FIFR with an R that is no multiple of 4).
         corners: positions of the corners among the R bearings; empty where bearings ignore the outline (FIRect, FIFR).
 
     Raises:
-        ConfigError: the lidar is not inside the outline.
+        ConfigError: the outline is not convex, or the lidar is not inside of it.
     """
 
     def __init__(self, footprint_lidar: NDArray[np.float64], config: SafetyRegionConfig, n_bearings: int) -> None:
         self.outline_lidar = _enlarged(footprint_lidar, config.margin_m)
-        bearings, axes, self.corners = self._place(config.resolution_m)
+        bearings, axes, self.corners = self._place(config.resolution_m, n_bearings)
         self.back, self.right, self.front, self.left = axes
-        self.indices = _nearest((bearings + math.pi) * (n_bearings / (2.0 * math.pi))) % n_bearings
+        self.indices = _scan_indices(bearings, n_bearings)
         self.range_m = self._ranges(beam_bearings(n_bearings)[self.indices]).astype(np.float32)
         self._n_bearings = n_bearings
 
@@ -67,21 +75,39 @@ class SafetyRegion:
         obs = scan.ranges_m[self.indices]
         return Clearance(obs, self.range_m, bool((obs <= self.range_m).any()))
 
-    def _place(self, resolution_m: float) -> tuple[NDArray[np.float64], list[int], tuple[int, ...]]:
+    def _place(self, resolution_m: float, n_bearings: int) -> tuple[NDArray[np.float64], list[int], tuple[int, ...]]:
         """Return (R,) bearings in rad, the positions of the four axes and those of the corners among them."""
         corner_bearings = _bearings_of(self.outline_lidar)
         bounds = np.unique(np.concatenate([_AXES_RAD, corner_bearings]).round(9))
-        ends = _outline_points(self.outline_lidar, np.append(bounds, bounds[0]))
-        lengths = np.hypot(*np.diff(ends, axis=0).T)
-        n_intervals = np.maximum(1, _nearest(lengths / resolution_m))
-        points = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(ends, ends[1:], n_intervals, strict=False)]
-        first = np.concatenate([[0], np.cumsum(n_intervals)[:-1]])
-        bearings = _bearings_of(np.concatenate(points))
+        bearings, first = self._divide(bounds, resolution_m)
+        missed = self._missed_sides(_scan_indices(bearings, n_bearings), resolution_m, n_bearings)
+        if len(missed):
+            bounds = np.unique(np.concatenate([bounds, missed.round(9)]))
+            bearings, first = self._divide(bounds, resolution_m)
 
         def positions(angles: NDArray[np.float64]) -> list[int]:
             return [int(i) for i in first[np.searchsorted(bounds, np.sort(angles).round(9))]]
 
         return bearings, positions(_AXES_RAD), tuple(positions(corner_bearings))
+
+    def _divide(self, bounds: NDArray[np.float64], resolution_m: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Return (R,) bearings that divide the phases between the (B,) bounds, and where among them each begins."""
+        ends = _outline_points(self.outline_lidar, np.append(bounds, bounds[0]))
+        lengths = np.hypot(*np.diff(ends, axis=0).T)
+        n_intervals = np.maximum(1, _nearest(lengths / resolution_m))
+        points = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(ends, ends[1:], n_intervals, strict=False)]
+        first = np.concatenate([[0], np.cumsum(n_intervals)[:-1]])
+        return _bearings_of(np.concatenate(points)), first
+
+    def _missed_sides(self, indices: NDArray[np.intp], resolution_m: float, n_bearings: int) -> NDArray[np.float64]:
+        """Return the middle bearing of the scan for each long enough side that it meets and `indices` do not."""
+        beams = beam_bearings(n_bearings)
+        met = _leave(self.outline_lidar, beams)[0]
+        lengths = np.hypot(*(np.roll(self.outline_lidar, -1, axis=0) - self.outline_lidar).T)
+        long_enough = np.flatnonzero(lengths > resolution_m * (1.0 - 1e-9))
+        missed = np.setdiff1d(np.intersect1d(met, long_enough), met[indices])
+        # A side across straight back has that axis, so the bearings of a missed one are not split by the wrap.
+        return np.array([beams[met == side][(met == side).sum() // 2] for side in missed])
 
     def _ranges(self, bearings: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (R,) range in m that each bearing must keep free."""
@@ -94,17 +120,20 @@ class FIRect(SafetyRegion):
     Equal angles need not fall on the scan's bearings (360 / 32 = 11.25 degrees); the nearest index is taken.
     """
 
-    def _place(self, resolution_m: float) -> tuple[NDArray[np.float64], list[int], tuple[int, ...]]:
-        n = len(super()._place(resolution_m)[0])
+    def _place(self, resolution_m: float, n_bearings: int) -> tuple[NDArray[np.float64], list[int], tuple[int, ...]]:
+        n = len(super()._place(resolution_m, n_bearings)[0])
         return beam_bearings(n), [round(quarter * n / 4) for quarter in range(4)], ()
 
 
 class FIFR(FIRect):
-    """The rival with fixed intervals and one fixed range, which covers no more than the car's width."""
+    """The rival with fixed intervals and one fixed range: half the car's width, a circle about the lidar.
+
+    The circle is no part of the outline: where the lidar is nearer to the outline than half the width (the nose of
+    ZebraT, the near side of a car whose lidar is off its centre line), it fires before anything touches.
+    """
 
     def _ranges(self, bearings: NDArray[np.float64]) -> NDArray[np.float64]:
-        half_width = np.abs(_outline_points(self.outline_lidar, np.array([-math.pi / 2.0, math.pi / 2.0]))[:, 1]).max()
-        return np.full(len(bearings), half_width)
+        return np.full(len(bearings), np.ptp(self.outline_lidar[:, 1]) / 2.0)
 
 
 _KINDS = {"sr": SafetyRegion, "firect": FIRect, "fifr": FIFR}
@@ -123,6 +152,8 @@ def make_region(robot: RobotModel, config: SafetyRegionConfig, n_bearings: int) 
 def _enlarged(outline: NDArray[np.float64], margin_m: float) -> NDArray[np.float64]:
     """Return the (K, 2) outline, counter-clockwise, with every side moved outwards."""
     polygon = shapely.Polygon(outline)
+    if not polygon.is_valid or polygon.convex_hull.area - polygon.area > 1e-9:
+        raise ConfigError(f"the outline must be convex, got {np.round(outline, 3).tolist()}; give its convex hull")
     if margin_m > 0.0:
         polygon = polygon.buffer(margin_m, join_style="mitre", mitre_limit=1e3)
     if not polygon.contains(shapely.Point(0.0, 0.0)):
@@ -144,13 +175,23 @@ def _bearings_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(bearings > math.pi - 1e-9, -math.pi, bearings)
 
 
+def _scan_indices(bearings: NDArray[np.float64], n_bearings: int) -> NDArray[np.intp]:
+    """Return the (R,) scan indices nearest to these bearings."""
+    return _nearest((bearings + math.pi) * (n_bearings / (2.0 * math.pi))) % n_bearings
+
+
 def _outline_points(outline: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (P, 2) points where rays from the lidar at these bearings leave the convex outline around it."""
+    ranges = _leave(outline, bearings)[1]
+    return np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
+
+
+def _leave(outline: NDArray[np.float64], bearings: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the (P,) sides through which rays at these bearings leave the outline, and their (P,) ranges in m."""
     sides = np.roll(outline, -1, axis=0) - outline
     normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1)
     offsets = np.einsum("kd,kd->k", normals, outline)
-    directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
-    approach = directions @ normals.T
+    approach = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) @ normals.T
     with np.errstate(divide="ignore"):
-        ranges = np.where(approach > 1e-12, offsets / approach, np.inf).min(axis=1)
-    return directions * ranges[:, None]
+        ranges = np.where(approach > 1e-12, offsets / approach, np.inf)
+    return ranges.argmin(axis=1), ranges.min(axis=1)
