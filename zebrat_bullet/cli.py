@@ -158,6 +158,56 @@ def bench(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     return result, bench_text(result)
 
 
+def demonstrate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Let an agent drive and record it as demonstrations to imitate."""
+    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.agents.human import HumanLikeAgent
+    from zebrat_bullet.training.demonstrations import demonstrate
+
+    task = _task(arguments)
+    out = arguments.out or Path("demonstrations") / _file_name(arguments.agent)
+    agent = load_agent(arguments.agent, task, arguments.action_noise)
+    if arguments.human_noise:
+        agent = HumanLikeAgent(agent, task.physics)
+    with _progress_bar(arguments) as bar:
+        shown = bar.add_task("pairs", total=arguments.pairs)
+        done = demonstrate(
+            agent,
+            arguments.worlds,
+            arguments.pairs,
+            out,
+            task,
+            arguments.seed,
+            lambda n: bar.update(shown, completed=n),
+        )
+    text = f"{done['pairs']} pairs from {done['successes']} of {done['episodes']} episodes, which succeeded: {out}"
+    return {"folder": str(out), **done}, text
+
+
+def imitate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Clone the behaviour in demonstrations; with --dagger, let an expert label what the learner then meets."""
+    from zebrat_bullet.training import imitation
+
+    folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
+    if arguments.resume:
+        imitation.resume_imitation(folder, lambda note: _note(arguments, note))
+    else:
+        config = imitation.ImitationConfig(
+            demonstrations=arguments.demonstrations,
+            iterations=arguments.dagger,
+            expert=arguments.expert,
+            seed=arguments.seed,
+        )
+        imitation.imitate(with_overrides(config, arguments.set), folder, lambda note: _note(arguments, note))
+    rows = imitation.iterations(folder)
+    text = "\n".join(
+        f"iteration {row['iteration']:.0f}: {row['pairs']:.0f} pairs, held-out loss {row['held_out_loss']:.4f}, "
+        f"noise-free success {row['success']:.0%}"
+        for row in rows
+    )
+    return {"folder": str(folder), "iterations": rows}, f"{text}\nbest policy and all others: {folder}"
+
+
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
     from zebrat_bullet.report.video import write_video
     from zebrat_bullet.robot import load_robot
@@ -253,7 +303,7 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--agent",
         required=True,
-        help="shipped, random, dwa, ... (with settings: dwa:inflation_radius_m=0.5), a .safetensors policy or a run folder",
+        help="shipped, random, dwa:inflation_radius_m=0.5, ..., a .safetensors policy or a run folder",
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
@@ -266,6 +316,25 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--agent", default="shipped")
     made.add_argument("--world", default="big_track")
     made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
+
+    made = command(demonstrate, task, reward)
+    made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
+    made.add_argument(
+        "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
+    )
+    made.add_argument(
+        "--pairs", type=int, default=10_000, help="steps of successful episodes to record (default 10000)"
+    )
+    made.add_argument("--human-noise", action="store_true", help="act late, steer unsteadily, change speed gently")
+
+    made = command(imitate)
+    made.add_argument("--demonstrations", default="demonstrations/shipped", metavar="FOLDER", help="episode records")
+    made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
+    made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
+    made.add_argument(
+        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. clone.epochs=40"
+    )
+    made.add_argument("--resume", action="store_true", help="continue the run in --out")
 
     made = command(worlds)
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")

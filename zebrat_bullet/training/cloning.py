@@ -1,6 +1,7 @@
 """Behaviour cloning: a network learns by mean squared error to command what a demonstrator commanded."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -24,7 +25,6 @@ class CloneConfig:
         epochs: passes over the training pairs.
         batch_size, lr: of Adam.
         held_out: share of the episodes kept from training; the epoch that does best on them is returned.
-        seed: of the weights, the held-out episodes and the batches.
         threads: torch threads; another number may round differently.
     """
 
@@ -34,7 +34,6 @@ class CloneConfig:
     batch_size: int = 64
     lr: float = 3e-4
     held_out: float = 0.1
-    seed: int = 0
     threads: int = 1
 
     def __post_init__(self) -> None:
@@ -59,21 +58,24 @@ class Clone:
         return int(self.losses[:, 1].argmin())
 
 
-def clone(pairs: Pairs, observation: ObservationSpec, config: CloneConfig, provenance: dict[str, object]) -> Clone:
-    """Fit a policy to pairs; the same pairs and settings give the same weights.
+def clone(
+    pairs: Pairs, observation: ObservationSpec, config: CloneConfig, seed: int, provenance: dict[str, object]
+) -> Clone:
+    """Fit a policy to pairs; the same pairs, settings and seed give the same weights.
 
     Args:
         pairs: what was seen and done.
         observation: how it was encoded.
         config: the fit.
+        seed: of the weights, the held-out episodes and the batches.
         provenance: what the policy says of its origin.
 
     Raises:
         ConfigError: there are fewer than two episodes, so none can be held out.
     """
     torch.set_num_threads(config.threads)
-    torch.manual_seed(config.seed)
-    rng = np.random.default_rng(config.seed)
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
     held_out = _held_out(pairs, config.held_out, rng)
     n_inputs = observation.size if config.last_command else observation.n_rays
     inputs, targets = torch.from_numpy(pairs.observations[:, :n_inputs]), torch.from_numpy(pairs.actions)
@@ -109,7 +111,7 @@ def _held_out(pairs: Pairs, share: float, rng: np.random.Generator) -> NDArray[n
 def _network(n_inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:
     sizes = (n_inputs, *hidden)
     modules: list[nn.Module] = []
-    for n_in, n_out in zip(sizes, sizes[1:], strict=False):
+    for n_in, n_out in pairwise(sizes):
         modules += [nn.Linear(n_in, n_out), nn.ReLU()]
     return nn.Sequential(*modules, nn.Linear(sizes[-1], 2), nn.Tanh())
 
