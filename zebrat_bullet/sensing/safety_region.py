@@ -29,10 +29,10 @@ class SafetyRegion:
     multiple of 4. A side that would fall between two indices gets one more bearing, so that a wall flush with it is
     seen: every side of at least `resolution_m` that some bearing of the scan meets is watched.
 
-    Neighbouring points lie less than 1.5 `resolution_m` apart (a phase of that length is one interval), and their
-    indices up to half a scan step further each. Where the outline runs away from the lidar, as along a long nose,
-    that half step is the larger part, and indices may repeat: only a finer scan sees more there. A lidar that is tilted,
-    or yawed by no whole number of scan steps, has its returns up to half a step beside their index as well.
+    Neighbouring points lie less than 1.5 `resolution_m` apart (a phase just shorter than that is one interval), and
+    their indices up to half a scan step further each. Where the outline runs away from the lidar, as along a long
+    nose, that half step is the larger part, and indices may repeat: only a finer scan sees more there. A lidar that is
+    tilted, or yawed by no whole number of scan steps, has its returns up to half a step beside their index as well.
 
     Args:
         footprint_lidar: (K, 2) convex outline in m, about the lidar, x along the car's heading. Every corner takes a
