@@ -65,4 +65,11 @@ def _oracle(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return OracleAgent(load_robot(task.robot), task.physics, with_overrides(HybridAStarConfig(), settings))
 
 
-FACTORIES: dict[str, Factory] = {"random": _random, "oracle": _oracle}
+def _dwa(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    from zebrat_bullet.agents.dwa import DwaAgent
+    from zebrat_bullet.planning.dwa import DwaConfig
+
+    return DwaAgent(with_overrides(DwaConfig(), settings), task)
+
+
+FACTORIES: dict[str, Factory] = {"random": _random, "dwa": _dwa, "oracle": _oracle}

@@ -38,8 +38,8 @@ def plan(
         tolerance_m: a start or goal that is too near to a wall is moved to the nearest free cell within this distance.
 
     Returns:
-        (N, 2) float64 points in m, world frame, at most a cell's diagonal apart: `start_xy`, then centres of cells,
-        then `goal_xy`.
+        (N, 2) float64 points in m, world frame, a cell apart or less: from `start_xy` to `goal_xy`, where the cheapest
+        way over cells is pulled straight as far as that makes it no dearer.
 
     Raises:
         ConfigError: the method is neither.
@@ -63,7 +63,8 @@ def plan(
     search = _dijkstra if method == "dijkstra" else _astar
     graph = _graph(costs, cells, node_of)
     nodes = _trace(search(graph, cells, int(node_of[start]), int(node_of[goal])), int(node_of[goal]))
-    return np.vstack([np.asarray(start_xy, float), grid.centres_of(cells[nodes[1:-1]]), np.asarray(goal_xy, float)])
+    way = grid.centres_of(_straightened(cells[nodes], costs))
+    return np.vstack([np.asarray(start_xy, float), way[1:-1], np.asarray(goal_xy, float)])
 
 
 def _nearest_free(
@@ -130,6 +131,30 @@ def _trace(before: NDArray[np.int32], goal: int) -> list[int]:
     while before[nodes[-1]] != _UNREACHED:
         nodes.append(int(before[nodes[-1]]))
     return nodes[::-1]
+
+
+def _straightened(way: NDArray[np.intp], costs: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return a way over (N, 2) cells with straight lines, where they cost no more, for its steps of 45 degrees.
+
+    navfn descends an interpolated potential to the same end: cells alone give eight headings.
+    """
+    price = NEUTRAL + COST_FACTOR * costs[tuple(way.T)].astype(float)
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1) * (price[1:] + price[:-1]) / 2.0
+    spent = np.concatenate([[0.0], np.cumsum(steps)])
+    pieces, here = [way[:1].astype(float)], 0
+    while here < len(way) - 1:
+        there, line = here + 1, way[here + 1 : here + 2].astype(float)
+        while there + 1 < len(way):
+            longer = np.linspace(way[here], way[there + 1], int(np.abs(way[there + 1] - way[here]).max()) + 1)
+            under = costs[tuple(longer.round().astype(int).T)]
+            length = np.linalg.norm(way[there + 1] - way[here])
+            dearer = length * (NEUTRAL + COST_FACTOR * under.mean()) > spent[there + 1] - spent[here] + 1e-6
+            if under.max() >= INSCRIBED or dearer:
+                break
+            there, line = there + 1, longer[1:]
+        pieces.append(line)
+        here = there
+    return np.vstack(pieces)
 
 
 def _text(point: ArrayLike) -> str:

@@ -1,0 +1,112 @@
+"""Every control step: sample the speeds in reach, roll each out, price the rollouts, choose the cheapest."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.planning.dwa import critics, rollouts
+from zebrat_bullet.planning.dwa.config import DwaConfig
+from zebrat_bullet.planning.grid import OccupancyGrid, inflate, inscribed_radius_m
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Command, Pose2, RobotState
+
+_PRUNE_M = 1.0
+
+
+class DwaPlanner:
+    """Follows a path over a map.
+
+    v and w are those of the rear axle's centre, where a car moves as a unicycle, so the steering angle is
+    atan(wheelbase w / v). Poses are those of the body's centre, ROS's base frame. Samples that the car cannot steer are
+    not taken, so a rollout is what the car will do.
+
+    Args:
+        config: settings.
+        robot: the car.
+        limits: largest speed and steering angle, control step.
+        grid: the map.
+    """
+
+    def __init__(self, config: DwaConfig, robot: RobotModel, limits: PhysicsConfig, grid: OccupancyGrid) -> None:
+        self.config = config
+        self._robot, self._limits, self._grid = robot, limits, grid
+        self._min_radius_m = robot.wheelbase_m / math.tan(limits.max_steering_rad)
+        radius_m = inscribed_radius_m(robot.footprint_base)
+        costs = inflate(grid, config.inflation_radius_m, radius_m, config.cost_scaling_factor)
+        self._half = round(config.window_m / 2.0 / config.resolution_m)
+        self._costs = np.pad(costs, self._half)
+        self._outline = critics.outline_points(robot.footprint_base, config.resolution_m / 2.0)
+        self._oscillation = critics.Oscillation(config)
+        self.path = np.zeros((0, 2))
+
+    def follow(self, path: NDArray[np.float64]) -> None:
+        """Follow a new (N, 2) path in m, world frame, from now on."""
+        self.path = path
+        self._oscillation.forget()
+
+    def command(self, state: RobotState) -> Command | None:
+        """Return the command of the cheapest rollout, or None where every rollout is refused or the path is lost."""
+        at = np.array([state.pose.x, state.pose.y])
+        self.path = pruned(self.path, at)
+        samples = rollouts.velocity_window(
+            state.speed_mps, state.yaw_rate_radps, self.config, self._limits, self._min_radius_m
+        )
+        if not len(self.path) or not len(samples):
+            return None
+        total = sum(self.prices(state.pose, samples).values())
+        best = int(np.argmin(total))
+        if not np.isfinite(total[best]):
+            return None
+        v, w = map(float, samples[best])
+        self._oscillation.note(state.pose, v, w)
+        return Command(v, math.atan(self._robot.wheelbase_m * w / v))
+
+    def prices(self, pose: Pose2, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Return the (K,) price of each critic for the rollouts of (K, 2) samples v, w; inf refuses a rollout."""
+        config = self.config
+        at = np.array([pose.x, pose.y])
+        ways = rollouts.roll_out(pose, samples, config, self._robot.rear_axle_x_m)
+        centre = self._grid.cells_of(at)
+        local = self._costs[tuple(slice(c, c + 2 * self._half + 1) for c in centre)]
+
+        def cells(points: NDArray[np.float64]) -> NDArray[np.intp]:
+            return self._grid.cells_of(points) - centre + self._half
+
+        part = in_window(self.path, at, config.window_m)
+        nose_m = config.forward_point_distance_m
+        to_goal = part[-1] - at
+        nose_goal = part[-1] + nose_m * to_goal / max(float(np.linalg.norm(to_goal)), 1e-9)
+        to_path = critics.grid_distances(local, cells(part))
+        scale = critics.footprint_scale(samples[:, 0], config, self._limits.max_speed_mps)
+        origin = self._grid.centres_of(centre - self._half) - config.resolution_m / 2.0
+        walls = critics.obstacle_costs(local, origin, config.resolution_m, ways, self._outline, scale)
+        noses = cells(critics.shifted(ways, nose_m))
+        middles = cells(ways[..., :2])
+        to_local_goal = critics.grid_distances(local, cells(part[-1:]))
+        to_nose_goal = critics.grid_distances(local, cells(nose_goal[None]))
+        path_price = config.path_distance_bias * config.resolution_m
+        goal_price = config.goal_distance_bias * config.resolution_m
+        near_goal = float(np.linalg.norm(self.path[-1] - at)) <= nose_m
+        return {
+            "oscillation": np.where(self._oscillation.allows(samples), 0.0, np.inf),
+            "obstacle": config.occdist_scale * walls,
+            "goal_front": goal_price * critics.end_distances(to_nose_goal, noses, stop_on_failure=False),
+            # Near the goal the nose has passed the path's end, and pulling it back would swing the car.
+            "alignment": path_price * (1 - near_goal) * critics.end_distances(to_path, noses, stop_on_failure=False),
+            "path": path_price * critics.end_distances(to_path, middles),
+            "goal": goal_price * critics.end_distances(to_local_goal, middles),
+        }
+
+
+def pruned(path: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rest of an (N, 2) path from its first point within 1 m of (2,) `at`; nothing where none is so near."""
+    near = np.flatnonzero(np.linalg.norm(path - at, axis=1) < _PRUNE_M)
+    return path[near[0] :] if len(near) else path[:0]
+
+
+def in_window(path: NDArray[np.float64], at: NDArray[np.float64], window_m: float) -> NDArray[np.float64]:
+    """Return the head of an (N, 2) path until it first leaves the circle in the window about (2,) `at`."""
+    left = np.linalg.norm(path - at, axis=1) > window_m / 2.0
+    return path[: int(np.argmax(left))] if left.any() else path
