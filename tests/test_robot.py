@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pybullet
 import pytest
+import shapely
+import trimesh
 import yourdfpy
 
 from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.errors import AssetError, RobotError
+from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.robot import RobotModel, load_robot
 
 SMALL_CAR = Path(__file__).parent / "data" / "small_car.urdf"
@@ -65,6 +68,24 @@ def test_a_collision_mesh_counts_like_a_box(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_robot(path).footprint_base, load_robot(SMALL_CAR).footprint_base, atol=1e-9)
 
 
+def test_vertices_along_the_sides_of_a_mesh_are_no_corners(tmp_path: Path) -> None:
+    """A box turned by 30 degrees and finely meshed: rounding puts vertices of its sides a hair outside of them."""
+    mesh = trimesh.creation.box((0.4, 0.2, 0.14)).subdivide().subdivide()
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(30.0), (0, 0, 1)))
+    mesh.export(tmp_path / "body.stl")
+    path = edited(tmp_path, '<box size="0.48 0.30 0.14"/>', '<mesh filename="body.stl"/>')
+    path.write_text(path.read_text().replace('xyz="0.25 0 0.10"', 'xyz="0 0 0.10"'))  # the bumper, into the box
+    corners = np.array([[-0.2, 0.1], [-0.2, -0.1], [0.2, -0.1], [0.2, 0.1]]) @ rotation_2d(np.radians(30.0)).T
+    np.testing.assert_allclose(load_robot(path).footprint_base, corners, atol=1e-6)
+
+
+def test_a_hollow_in_the_body_belongs_to_the_footprint(tmp_path: Path) -> None:
+    """A bumper that stands off by 4 cm: the outline spans the gap between."""
+    path = edited(tmp_path, 'xyz="0.25 0 0.10"', 'xyz="0.29 0 0.10"')
+    outline = [[-0.24, -0.15], [0.24, -0.15], [0.3, -0.1], [0.3, 0.1], [0.24, 0.15], [-0.24, 0.15]]
+    np.testing.assert_allclose(load_robot(path).footprint_base, outline, atol=1e-9)
+
+
 def test_missing_roles_are_named_with_all_that_is_needed(tmp_path: Path) -> None:
     path = edited(tmp_path, "left_steering_hinge_joint", "left_kingpin")
     with pytest.raises(RobotError, match=r"lacks the joints left_steering_hinge_joint; .*lidar_mount \(fixed\)"):
@@ -102,6 +123,14 @@ def test_a_file_that_is_no_urdf_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_name_lists_the_shipped_robots() -> None:
     with pytest.raises(AssetError, match="zebrat"):
         load_robot("no_such_robot")
+
+
+@pytest.mark.parametrize("name", ["hexagon", "long"])
+def test_what_is_shown_of_the_other_cars_stays_within_their_footprints(name: str) -> None:
+    urdf, robot = yourdfpy.URDF.load(str(asset_folder("urdf") / f"{name}.urdf")), load_robot(name)
+    shown = urdf.scene.to_mesh().vertices
+    inside = shapely.Polygon(robot.footprint_base).buffer(1e-3).covers(shapely.MultiPoint(shown[:, :2]))
+    assert inside and shown[:, 2].min() == pytest.approx(0.0, abs=0.005)
 
 
 def test_every_visual_of_zebrat_loads_coloured() -> None:
