@@ -10,7 +10,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "zebrat_bullet"
 ORDER = [
     *("errors", "types", "config", "geometry", "assets", "robot", "world", "planning", "sim", "sensing", "task"),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "report", "bench", "pytest_plugin", "cli"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
+    *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
     "pybullet": {"sim", "sensing", "bench"},

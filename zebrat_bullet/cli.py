@@ -131,7 +131,8 @@ def video(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 
 def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    """List worlds with length, narrowest width and turns; draw them to scale with the car."""
+    """List worlds with length, narrowest width and turns; draw them to scale with the car, write them as ROS maps."""
+    from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
     from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
     from zebrat_bullet.robot import load_robot
@@ -144,6 +145,9 @@ def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw_worlds(loaded, path, load_robot(arguments.robot).footprint_base)
         _note(arguments, f"drew {path}")
+    for world in loaded if arguments.map else ():
+        ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
+        write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
     return result, worlds_table(result)
 
 
@@ -206,6 +210,31 @@ def imitate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         for row in rows
     )
     return {"folder": str(folder), "iterations": rows}, f"{text}\nbest policy and all others: {folder}"
+
+
+def teleop(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Drive yourself in a browser; every episode joins a data set of demonstrations."""
+    from zebrat_bullet.teleop.session import teleop
+
+    out = arguments.out or Path("demonstrations") / "person"
+    outcomes: list[str] = []
+
+    def on_episode(record: Any, path: Path) -> None:
+        outcomes.append(record.outcome)
+        _note(arguments, f"{record.outcome} after {record.duration_s:.1f} s: {path}")
+
+    teleop(
+        arguments.world,
+        out,
+        _task(arguments),
+        host=arguments.host,
+        port=arguments.port,
+        seed=arguments.seed,
+        episodes=arguments.episodes,
+        on_ready=lambda url: print(f"drive at {url} (Ctrl-C ends)", file=sys.stderr, flush=True),
+        on_episode=on_episode,
+    )
+    return {"folder": str(out), "outcomes": outcomes}, f"{len(outcomes)} episodes saved in {out}"
 
 
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
@@ -278,7 +307,8 @@ def _parser() -> argparse.ArgumentParser:
     task = argparse.ArgumentParser(add_help=False)
     task.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
     task.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
-    task.add_argument("--action-noise", type=float, default=0.0, help="sigma on the commands, fraction of the limits")
+    noisy = argparse.ArgumentParser(add_help=False)
+    noisy.add_argument("--action-noise", type=float, default=0.0, help="sigma on the commands, fraction of the limits")
     reward = argparse.ArgumentParser(add_help=False)
     reward.add_argument("--reward", choices=sorted(REWARD_PRESETS), default="fomt", help="reward preset")
 
@@ -299,7 +329,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 
-    made = command(evaluate, task, reward)
+    made = command(evaluate, task, noisy, reward)
     made.add_argument(
         "--agent",
         required=True,
@@ -312,12 +342,12 @@ def _parser() -> argparse.ArgumentParser:
     made = command(replay)
     made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
 
-    made = command(video, task, reward)
+    made = command(video, task, noisy, reward)
     made.add_argument("--agent", default="shipped")
     made.add_argument("--world", default="big_track")
     made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
 
-    made = command(demonstrate, task, reward)
+    made = command(demonstrate, task, noisy, reward)
     made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
     made.add_argument(
         "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
@@ -336,9 +366,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out")
 
+    made = command(teleop, task, reward)
+    made.add_argument("--world", default="big_track")
+    made.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    made.add_argument("--port", type=int, default=8765, help="port to listen on, 0 for any that is free (default 8765)")
+    made.add_argument("--episodes", type=int, help="end after so many (default: at Ctrl-C)")
+
     made = command(worlds)
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
     made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png")
+    made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
 
     made = command(bench)
     made.add_argument("--world", default="big_track")
