@@ -17,6 +17,7 @@ from zebrat_bullet.config import (
     LidarConfig,
     NoiseConfig,
     PhysicsConfig,
+    RewardConfig,
     SafetyRegionConfig,
     TaskConfig,
 )
@@ -29,8 +30,8 @@ from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.task.rewards import TERMS
-from zebrat_bullet.types import Command, Pose2
+from zebrat_bullet.task.rewards import TERMS, RewardInput, forward_term, middle_term
+from zebrat_bullet.types import Clearance, Command, Pose2
 from zebrat_bullet.world import load_world
 
 NAMES = ("hexagon", "long")
@@ -153,6 +154,17 @@ def test_they_are_driven_paid_and_recorded_whatever_the_number_of_bearings(
     n = len(drive.region.indices)
     assert record.obs_m.shape[1] == n
     assert record.terms.shape[1] == len(TERMS) and np.isfinite(record.terms).all()
+
+
+def test_with_few_bearings_the_sums_of_the_reward_end_straight_back() -> None:
+    """ZebraT at 1 m: back, corner, right, corner, ahead, corner, left, corner. V_obs counts 1, 2, 4, ... 128 m."""
+    robot, config = load_robot("zebrat"), RewardConfig(discount=1.0)
+    region = make_region(robot, SafetyRegionConfig(resolution_m=1.0), 360)
+    assert (len(region.indices), region.right, region.front, region.left) == (8, 2, 4, 6)
+    obs = np.float32(2.0) ** np.arange(8)
+    step = RewardInput(Clearance(obs, region.range_m, False), region, 1.0, Command(1.0, 0.0), config)
+    assert forward_term(step) == 2 * 16 + 8 + 32 + 4 + 64 + 2 + 128 + 1 + 1
+    assert middle_term(step) == -(64 - 4) - (128 - 2) - (1 - 1)
 
 
 def test_a_policy_of_another_number_of_bearings_is_refused_with_both_numbers() -> None:

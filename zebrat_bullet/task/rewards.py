@@ -39,15 +39,21 @@ def _discounts(n: int, discount: float) -> NDArray[np.float64]:
 
 @lru_cache
 def _rays(first: int, step: int, n: int, n_rays: int) -> NDArray[np.intp]:
-    """Return n indices among the region's rays, from `first` on, round the back where need be."""
+    """Return n indices among the region's rays, from `first` on; straight back is both the first and the last."""
     return (first + step * np.arange(n)) % n_rays
+
+
+def _n_to_the_back(right: int, left: int, n_rays: int) -> int:
+    """Return how many rays there are on both sides, from these two to straight back: a sum never comes round it."""
+    return min(right, n_rays - left) + 1
 
 
 def forward_term(step: RewardInput) -> float:
     """F: forward speed times the free ranges ahead (eq. 4); v is measured, so pushing a wall earns nothing."""
     obs, front = step.clearance.obs_m, step.region.front
-    ahead = obs[_rays(front, 1, N_FORWARD_RAYS, len(obs))] + obs[_rays(front, -1, N_FORWARD_RAYS, len(obs))]
-    return float(step.speed_mps * (_discounts(N_FORWARD_RAYS, step.config.discount) @ ahead))
+    n = min(N_FORWARD_RAYS, _n_to_the_back(front, front, len(obs)))
+    ahead = obs[_rays(front, 1, n, len(obs))] + obs[_rays(front, -1, n, len(obs))]
+    return float(step.speed_mps * (_discounts(n, step.config.discount) @ ahead))
 
 
 def obstacle_term(step: RewardInput) -> float:
@@ -58,11 +64,15 @@ def obstacle_term(step: RewardInput) -> float:
 
 
 def middle_term(step: RewardInput) -> float:
-    """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6)."""
+    """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6).
+
+    It keeps the lidar in the middle: where that is mounted off the centre line, the car drives off the middle as far.
+    """
     obs = step.clearance.obs_m
-    right = obs[_rays(step.region.right, -1, N_MIDDLE_RAYS, len(obs))]
-    left = obs[_rays(step.region.left, 1, N_MIDDLE_RAYS, len(obs))]
-    return float(-_discounts(N_MIDDLE_RAYS, step.config.discount) @ np.abs(right - left))
+    n = min(N_MIDDLE_RAYS, _n_to_the_back(step.region.right, step.region.left, len(obs)))
+    right = obs[_rays(step.region.right, -1, n, len(obs))]
+    left = obs[_rays(step.region.left, 1, n, len(obs))]
+    return float(-_discounts(n, step.config.discount) @ np.abs(right - left))
 
 
 def time_term(step: RewardInput) -> float:
