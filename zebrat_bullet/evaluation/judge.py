@@ -1,13 +1,9 @@
 """One judge for every agent: the same worlds, start poses, seeds and rules; episodes spread over the cores."""
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
-
-from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import TaskConfig
@@ -15,6 +11,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
 
@@ -73,8 +70,7 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
         for first in range(0, what.episodes, CHUNK)
     ]
     records: dict[str, list[EpisodeRecord]] = {world: [] for world in what.worlds}
-    workers = min(what.workers or os.cpu_count() or 1, len(jobs))
-    with ProcessPoolExecutor(workers, get_context("spawn"), _one_thread) as pool:
+    with worker_pool(what.workers, len(jobs)) as pool:
         for future in as_completed([pool.submit(_drive_chunk, *job) for job in jobs]):
             world, chunk = future.result()
             records[world] += chunk
@@ -86,10 +82,6 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
 def record_path(folder: Path, world: str, episode: int) -> Path:
     """Return where the record of an episode in a world lies."""
     return folder / Path(world).stem / f"episode_{episode:04d}.npz"
-
-
-def _one_thread() -> None:
-    threadpool_limits(1)  # a process a core already: threads within would only fight for them
 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
