@@ -45,7 +45,7 @@ class ArcPath:
         return int((np.diff(self.directions) != 0).sum())
 
     def lateral_errors_m(self) -> NDArray[np.float64]:
-        """Return how far each pose lies beside the arc that leaves the pose before it: (N - 1,), all 0 but for rounding.
+        """Return (N - 1,) m, how far each pose lies beside an arc from the pose before it: 0 but for rounding.
 
         A car that does not slip moves along its own heading: the chord of an arc points along the mean of the headings
         at its ends.
@@ -101,3 +101,9 @@ def clearances(axle_poses: NDArray[np.float64], robot: RobotModel, walls: shapel
         return np.full(len(axle_poses), np.inf)
     shapely.prepare(walls)
     return shapely.distance(walls, outlines(axle_poses, robot))
+
+
+def sweep_factor(robot: RobotModel, curvature: float) -> float:
+    """Return how many metres the fastest point of the footprint moves for a metre of the rear axle on an arc."""
+    x, y = (robot.footprint_base - (robot.rear_axle_x_m, 0.0)).T
+    return float(np.hypot(1.0 + abs(curvature) * np.abs(y), curvature * x).max())

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.planning.footprint_check import Outline, WallIndex, touches
+from zebrat_bullet.planning.footprint_check import touches
 
 
 class Field(NamedTuple):

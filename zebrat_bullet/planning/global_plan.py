@@ -27,7 +27,7 @@ def plan(
     method: str = "dijkstra",
     tolerance_m: float = 0.25,
 ) -> NDArray[np.float64]:
-    """Return the cheapest way for the car's centre, which keeps the inscribed radius from every wall.
+    """Return the cheapest way for the car's centre, which keeps the inscribed radius from every wall, to within a cell.
 
     Args:
         grid: the map.

@@ -1,6 +1,5 @@
 """Occupancy grids of the walls, the costs ROS gives their cells, and ROS map_server files."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -50,8 +49,8 @@ class OccupancyGrid:
             also_inside: (K, 2) points in m, world frame, that the grid must hold too, such as start and goal.
         """
         corners = np.vstack([np.reshape(walls.bounds, (2, 2)), np.reshape(also_inside, (-1, 2))])
-        low = np.floor((np.nanmin(corners, axis=0) - padding_m) / resolution_m)
-        high = np.ceil((np.nanmax(corners, axis=0) + padding_m) / resolution_m)
+        low = np.floor((np.nanmin(corners, axis=0) - padding_m) / resolution_m + _HAIR_CELLS)
+        high = np.ceil((np.nanmax(corners, axis=0) + padding_m) / resolution_m - _HAIR_CELLS)
         n_cols, n_rows = (high - low).astype(int)
         shapely.prepare(walls)
         x = (low[0] + np.arange(n_cols)) * resolution_m
@@ -95,7 +94,7 @@ def inflate(
     254 in a wall, 253 within the inscribed radius of one, then 252 exp(-cost_scaling_factor (d - inscribed radius)) up
     to the inflation radius, and 0 beyond. A smaller inflation radius than the inscribed one cuts off the 253, as there.
     """
-    distance = grid.distance_m
+    distance = grid.distance_m - 1e-9  # a whole number of cells may come out a rounding error too far
     decay = (INSCRIBED - 1) * np.exp(-cost_scaling_factor * np.maximum(distance - inscribed_radius_m, 0.0))
     costs = np.where(distance <= inscribed_radius_m, INSCRIBED, decay)
     costs[distance > inflation_radius_m] = 0
@@ -103,10 +102,10 @@ def inflate(
     return costs.astype(np.uint8)
 
 
-def write_ros_map(grid: OccupancyGrid, path: Path) -> Sequence[Path]:
-    """Write a ROS map_server map, `path` with the suffixes .yaml and .pgm, and return both; its folder is made."""
+def write_ros_map(grid: OccupancyGrid, path: Path) -> Path:
+    """Write a ROS map_server map as `path` + .yaml and `path` + .pgm, and return the former; its folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    image, text = path.with_suffix(".pgm"), path.with_suffix(".yaml")
+    image, text = path.with_name(f"{path.name}.pgm"), path.with_name(f"{path.name}.yaml")
     Image.fromarray(np.where(np.flipud(grid.occupied), 0, 254).astype(np.uint8)).save(image)
     fields = {
         "image": image.name,
@@ -117,4 +116,4 @@ def write_ros_map(grid: OccupancyGrid, path: Path) -> Sequence[Path]:
         "free_thresh": 0.196,
     }
     text.write_text(yaml.safe_dump(fields, sort_keys=False))
-    return text, image
+    return text

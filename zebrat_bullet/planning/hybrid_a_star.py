@@ -5,22 +5,27 @@ stays. What remains to the goal is estimated by Dijkstra's distance over the cel
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ConfigError, PlanError
-from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances
+from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
 from zebrat_bullet.planning.arc_search import Field, Found, Goal, Moves, distances_to, search
-from zebrat_bullet.planning.footprint_check import index_walls, outline_about_axle
+from zebrat_bullet.planning.footprint_check import WallIndex, index_walls, outline_about_axle
 from zebrat_bullet.planning.grid import OccupancyGrid
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 
 # A start nearer to a wall than the margin is left within this much driving.
 _LEAVE_START_M = 1.0
+# A margin is narrowed to save a reversal, but not below this.
+_SAVING_M = 0.03
+# A start that all but touches a wall is not worth an endless number of checks.
+_LEAST_SPACING_M = 0.005
 _PADDING_M = 3.0
 # Cells further from the goal than the start by more than this are not looked at.
 _DETOUR_M = 5.0
@@ -32,7 +37,7 @@ class HybridAStarConfig:
 
     Attributes:
         max_steering_rad: arcs are driven with at most this steering, `n_steering` angles evenly spaced.
-        arc_m: length of an arc; `check_m`: spacing of the collision checks along it.
+        arc_m: length of an arc.
         cell_m, n_yaw: size of a cell, and into how many the full turn is divided.
         reverse_cost: of each metre driven backward, on top of its length.
         reversal_cost: of each change between forward and backward.
@@ -45,7 +50,6 @@ class HybridAStarConfig:
     max_steering_rad: float = 0.6
     n_steering: int = 7
     arc_m: float = 0.2
-    check_m: float = 0.04
     cell_m: float = 0.1
     n_yaw: int = 72
     reverse_cost: float = 1.0
@@ -56,28 +60,36 @@ class HybridAStarConfig:
     max_nodes: int = 5_000_000
 
     def __post_init__(self) -> None:
-        if not (0 < self.check_m <= self.arc_m and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
+        if not (self.arc_m > 0 and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
             raise ConfigError(
-                "a search needs 0 < check_m <= arc_m, cell_m above 0, n_yaw of at least 8 and n_steering of at least "
-                f"3, got {self}"
+                f"a search needs arc_m and cell_m above 0, n_yaw of at least 8 and n_steering of at least 3, got {self}"
             )
-        if not self.margins_m or min(self.margins_m) < 0.0:
-            raise ConfigError(f"margins_m must name at least one clearance, none below 0, got {self.margins_m}")
+        if not self.margins_m or min(self.margins_m) <= 0.0:
+            raise ConfigError(f"margins_m must name at least one clearance above 0, got {self.margins_m}")
+
+    def finer(self) -> "HybridAStarConfig":
+        """Return settings that look twice as closely in every dimension."""
+        return replace(
+            self,
+            arc_m=self.arc_m / 2.0,
+            cell_m=self.cell_m / 2.0,
+            n_yaw=2 * self.n_yaw,
+            n_steering=2 * self.n_steering - 1,
+        )
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A path that keeps `margin_m` from every wall (but near a start that stands nearer), and what it took to find.
+    """A path that keeps a distance from every wall.
 
     Attributes:
         path: from the start to a pose whose lidar is at the goal.
-        margin_m: the widest of the margins tried for which there was one.
-        n_nodes: poses looked at, for all margins together.
+        margin_m: that distance, but near a start that stands nearer. The widest of the margins tried for which there is
+            a path; a narrower one of at least 3 cm is taken where it saves a reversal.
     """
 
     path: ArcPath
     margin_m: float
-    n_nodes: int
 
 
 def plan_path(
@@ -97,32 +109,63 @@ def plan_path(
         config: the search; its defaults if None.
 
     Raises:
-        PlanError: there is none with any of the margins; the message says how near to the goal the search came.
+        PlanError: neither the search nor a finer one found any with the least margin; the message says how near to the
+            goal it came.
     """
     config = config or HybridAStarConfig()
     axle = axle_pose(start, robot)
     start_clearance = float(clearances(axle[None], robot, walls)[0])
     if start_clearance == 0.0:
         raise PlanError(f"the car touches a wall where it starts, at ({start.x:.2f}, {start.y:.2f}); move it")
-    field = _field(walls, robot, axle, goal_world, config)
-    lidar = robot.lidar_xyz_base[:2] - (robot.rear_axle_x_m, 0.0)
-    goal = Goal(*map(float, goal_world), config.goal_radius_m, *map(float, lidar))
-    moves = _moves(robot, config)
     index = index_walls(walls, robot, max(config.margins_m))
-    n_nodes, nearest = 0, math.inf
-    for margin in config.margins_m:
-        outline = outline_about_axle(robot, margin)
-        # The corner of an enlarged outline stands out by more than the margin: 0.7 keeps it off the walls.
-        leaving = outline_about_axle(robot, min(margin, 0.7 * start_clearance))
-        found = search(
-            axle, goal, field, config.n_yaw, moves, index, outline, leaving, _LEAVE_START_M, config.max_nodes
-        )
-        n_nodes, nearest = n_nodes + len(found.parents), min(nearest, found.nearest_m)
-        if found.last >= 0:
-            return Plan(_path(found), margin, n_nodes)
+    best: Plan | None = None
+    for resolution in (config, config.finer()):
+        field = _field(walls, robot, axle, goal_world, resolution)
+        for margin in config.margins_m:
+            if best is not None and (best.path.n_reversals == 0 or margin < _SAVING_M):
+                break
+            found = _search(axle, goal_world, field, index, robot, margin, start_clearance, resolution)
+            if found.last >= 0 and (best is None or _path(found).n_reversals < best.path.n_reversals):
+                best = Plan(_path(found), margin)
+        if best is not None:
+            return best
     raise PlanError(
         f"no drive from ({start.x:.2f}, {start.y:.2f}) to ({goal_world[0]:.2f}, {goal_world[1]:.2f}) keeps "
-        f"{min(config.margins_m)} m from the walls; the nearest came within {nearest:.2f} m; widen the passage there"
+        f"{min(config.margins_m)} m from the walls; the nearest came within {found.nearest_m:.2f} m; widen the passage"
+    )
+
+
+def _search(
+    axle: NDArray[np.float64],
+    goal_world: NDArray[np.float64],
+    field: Field,
+    index: WallIndex,
+    robot: RobotModel,
+    margin_m: float,
+    start_clearance_m: float,
+    config: HybridAStarConfig,
+) -> Found:
+    lidar = robot.lidar_xyz_base[:2] - (robot.rear_axle_x_m, 0.0)
+    goal = Goal(float(goal_world[0]), float(goal_world[1]), config.goal_radius_m, float(lidar[0]), float(lidar[1]))
+    # The corner of an enlarged outline stands out by more than the margin: 0.7 keeps it off the walls.
+    leaving_m = min(margin_m, 0.7 * start_clearance_m)
+    steering = np.linspace(-config.max_steering_rad, config.max_steering_rad, config.n_steering)
+    curvatures = np.tan(steering) / robot.wheelbase_m
+    # Between two checks no point of the footprint moves further than the margin from both.
+    spacing = 2.0 * max(leaving_m, _LEAST_SPACING_M) / sweep_factor(robot, curvatures[-1])
+    n_checks = math.ceil(config.arc_m / spacing)
+    costs = config.reverse_cost, config.reversal_cost, config.steering_cost
+    return search(
+        axle,
+        goal,
+        field,
+        config.n_yaw,
+        Moves(steering, curvatures, config.arc_m, n_checks, *costs),
+        index,
+        outline_about_axle(robot, margin_m),
+        outline_about_axle(robot, leaving_m),
+        _LEAVE_START_M,
+        config.max_nodes,
     )
 
 
@@ -144,15 +187,8 @@ def _field(
     here = to_goal[tuple(grid.cells_of(axle[:2]))]
     worth = to_goal <= here + _DETOUR_M if math.isfinite(here) else np.isfinite(to_goal)
     ids = np.where(worth, np.cumsum(worth).reshape(worth.shape) - 1, -1)
-    return Field(to_goal, ids, *map(float, grid.origin_world), config.cell_m)
-
-
-def _moves(robot: RobotModel, config: HybridAStarConfig) -> Moves:
-    steering = np.linspace(-config.max_steering_rad, config.max_steering_rad, config.n_steering)
-    n_checks = math.ceil(config.arc_m / config.check_m - 1e-9)
-    curvatures = np.tan(steering) / robot.wheelbase_m
-    costs = config.reverse_cost, config.reversal_cost, config.steering_cost
-    return Moves(steering, curvatures, config.arc_m, n_checks, *costs)
+    x, y = grid.origin_world.tolist()
+    return Field(to_goal, ids, x, y, config.cell_m)
 
 
 def _path(found: Found) -> ArcPath:
@@ -162,13 +198,9 @@ def _path(found: Found) -> ArcPath:
         nodes.append(int(found.parents[nodes[-1]]))
     nodes.reverse()
     kept = nodes[:1]
-    for before, node, after in zip(nodes, nodes[1:], [*nodes[2:], None], strict=False):
-        del before
-        same = after is not None and (found.moves[node], found.directions[node]) == (
-            found.moves[after],
-            found.directions[after],
-        )
-        turn = 0.0 if after is None else abs(found.poses[after, 2] - found.poses[kept[-1], 2])
-        if not same or turn > math.pi / 2.0:
+    for node, after in pairwise(nodes[1:]):
+        same = found.moves[node] == found.moves[after] and found.directions[node] == found.directions[after]
+        if not same or abs(found.poses[after, 2] - found.poses[kept[-1], 2]) > math.pi / 2.0:
             kept.append(node)
+    kept.append(nodes[-1])
     return ArcPath(found.poses[kept], found.directions[kept[1:]])
