@@ -4,16 +4,15 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig, from_json
-from zebrat_bullet.errors import RenderError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.geometry import wrap_angle
 from zebrat_bullet.render import Frame, Renderer
 from zebrat_bullet.render.live import cast_cloud, region_outline
+from zebrat_bullet.report.mp4 import check_mp4, write_mp4
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_directions
 from zebrat_bullet.sensing.casters import make_caster
@@ -50,53 +49,20 @@ def write_video(
         RenderError: a size or suffix that the encoder does not take.
         MissingSystemLibraryError: libOSMesa is absent.
     """
-    _check(path, size)
+    check_mp4(path, size)
     times = _frame_times(record, fps, max_seconds)
     renderer = Renderer(robot, world, *size)
-    frames = episode_frames(record, robot, world, times)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.stem}.part.mp4")
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        for n, frame in enumerate(episode_frames(record, robot, world, times), start=1):
+            yield renderer.frame(frame)
+            if progress is not None:
+                progress(n, len(times))
+
     try:
-        _encode(part, renderer, frames, fps, size, len(times), progress)
-        part.replace(path)
+        write_mp4(path, pictures(), fps, size)
     finally:
         renderer.close()
-        part.unlink(missing_ok=True)
-
-
-def _check(path: Path, size: tuple[int, int]) -> None:
-    if path.suffix != ".mp4":
-        raise RenderError(f"a video's name ends in .mp4, got {path.name!r}")
-    if size[0] % 2 or size[1] % 2:
-        raise RenderError(f"H.264 takes even widths and heights, got {size[0]}x{size[1]}")
-
-
-def _encode(
-    path: Path,
-    renderer: Renderer,
-    frames: Iterator[Frame],
-    fps: int,
-    size: tuple[int, int],
-    n_frames: int,
-    progress: Callable[[int, int], None] | None,
-) -> None:
-    stream = imageio_ffmpeg.write_frames(
-        str(path),
-        size,
-        fps=fps,
-        codec="libx264",
-        quality=5.5,
-        macro_block_size=2,
-        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-    )
-    stream.send(None)
-    try:
-        for n, frame in enumerate(frames, start=1):
-            stream.send(np.ascontiguousarray(renderer.frame(frame)))
-            if progress is not None:
-                progress(n, n_frames)
-    finally:
-        stream.close()
 
 
 def _frame_times(record: EpisodeRecord, fps: int, max_seconds: float | None) -> NDArray[np.float64]:
