@@ -72,4 +72,11 @@ def _dwa(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return DwaAgent(with_overrides(DwaConfig(), settings), task)
 
 
-FACTORIES: dict[str, Factory] = {"random": _random, "dwa": _dwa, "oracle": _oracle}
+def _teb(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    from zebrat_bullet.agents.teb import TebAgent
+    from zebrat_bullet.planning.teb.config import TebConfig
+
+    return TebAgent(with_overrides(TebConfig(), settings), task)
+
+
+FACTORIES: dict[str, Factory] = {"random": _random, "dwa": _dwa, "teb": _teb, "oracle": _oracle}

@@ -1,0 +1,184 @@
+"""The local planner: from pose, velocity and global plan to a command, with ROS's checks and recoveries."""
+
+import math
+from collections import deque
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.geometry import wrap_angle
+from zebrat_bullet.planning.teb.band import Band, begin, prune
+from zebrat_bullet.planning.teb.config import TebConfig, costs_for
+from zebrat_bullet.planning.teb.global_path import GlobalPath
+from zebrat_bullet.planning.teb.optimise import Surroundings, optimise
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Command, RobotState
+
+_STOP = Command(0.0, 0.0)
+_MERGE_M = 0.005  # wall outlines are simplified by this much for the optimiser; the final check is exact
+
+
+class TebPlanner:
+    """Keeps a band from one control step to the next.
+
+    Args:
+        config: settings.
+        robot: the car; its rear axle is what the band moves.
+        physics: limits of speed and steering, and the control step.
+        walls: outlines of everything the car can hit, world frame.
+
+    Attributes:
+        band: the last band; None before the first and after one that was infeasible.
+        n_infeasible: bands in a row that were infeasible or diverged.
+    """
+
+    def __init__(
+        self, config: TebConfig, robot: RobotModel, physics: PhysicsConfig, walls: shapely.MultiPolygon
+    ) -> None:
+        self._config, self._robot, self._physics, self._walls = config, robot, physics, walls
+        self._costs = costs_for(config, robot, physics)
+        self._outline = robot.footprint_base - (robot.rear_axle_x_m, 0.0)
+        self._segments = wall_segments(shapely.simplify(walls, _MERGE_M))
+        self._oscillation = _Oscillation(config, physics.control_step_s)
+        self._shrunk_until_s = -math.inf
+        self.band: Band | None = None
+        self.n_infeasible = 0
+        shapely.prepare(walls)
+
+    def plan(self, state: RobotState, path: GlobalPath, time_s: float) -> Command:
+        """Return the command for this control step; it stops the car where no feasible band was found."""
+        start = rear_axle_pose(state, self._robot)
+        shrunk = 0.5 if time_s < self._shrunk_until_s else 1.0
+        local, goal_yaw = path.ahead(start[:2], self._config.max_global_plan_lookahead_dist_m, shrunk)
+        goal = np.array([*local[-1], goal_yaw])
+        around = Surroundings(
+            outline=self._outline,
+            segments=self._near(start[:2]),
+            via_points=self._via_points(local),
+            velocity=np.array([state.speed_mps, state.yaw_rate_radps]),
+            rotate=self._oscillation.preferred_turn(time_s),
+        )
+        self.band = optimise(self._warm_start(local, start, goal), around, self._config, self._costs)
+        if self.band is None or not self._feasible(self.band):
+            self.band = None
+            self.n_infeasible += 1
+            self._shrunk_until_s = time_s + self._config.shrink_horizon_min_duration_s
+            self._oscillation.update(0.0, 0.0, state.yaw_rate_radps, time_s)
+            return _STOP
+        self.n_infeasible = 0
+        v, omega = self._saturate(*first_velocity(self.band))
+        costs = self._costs
+        limit = costs.max_vel_x_mps if v >= 0.0 else costs.max_vel_x_backwards_mps
+        self._oscillation.update(v / limit, omega / costs.max_vel_theta_radps, state.yaw_rate_radps, time_s)
+        return Command(float(v), steering_angle(v, omega, self._robot.wheelbase_m, self._physics.max_steering_rad))
+
+    def _warm_start(self, local: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64]) -> Band:
+        """Return the last band moved to the new start and goal, or a new one along the global plan."""
+        if self.band is not None:
+            away = math.hypot(*(goal[:2] - self.band.poses[-1, :2]))
+            turned = abs(wrap_angle(goal[2] - self.band.poses[-1, 2]))
+            if (
+                away < self._config.force_reinit_new_goal_dist_m
+                and turned < self._config.force_reinit_new_goal_angular_rad
+            ):
+                return prune(self.band, start, goal, self._config.min_samples)
+        return begin(local, start, goal[2], self._costs)
+
+    def _near(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        reach = self._config.max_global_plan_lookahead_dist_m + 1.0
+        a, b = self._segments[:, :2], self._segments[:, 2:]
+        along = ((xy - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1)
+        nearest = a + np.clip(along, 0.0, 1.0)[:, None] * (b - a)
+        return self._segments[np.hypot(*(nearest - xy).T) < reach]
+
+    def _via_points(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
+        separation = self._config.global_plan_viapoint_sep_m
+        if separation <= 0.0:
+            return np.empty((0, 2))
+        length = np.append(0.0, np.cumsum(np.hypot(*np.diff(local, axis=0).T)))
+        return local[np.flatnonzero(np.diff(length // separation)) + 1]
+
+    def _feasible(self, band: Band) -> bool:
+        """Return whether the exact footprint is free of walls at the first poses, and between any far apart."""
+        poses = band.poses[: self._config.feasibility_check_no_poses + 1]
+        inscribed = float(np.abs(self._outline[:, 1]).min())
+        parts = [poses[:1]]
+        for pose, following in pairwise(poses):
+            step = following - pose
+            step[2] = wrap_angle(step[2])
+            n = max(1, math.ceil(math.hypot(step[0], step[1]) / inscribed))
+            parts.append(pose + np.arange(1, n + 1)[:, None] / n * step)
+        x, y, yaw = np.vstack(parts).T[..., None]
+        px, py = self._outline.T
+        corners = np.stack([x + np.cos(yaw) * px - np.sin(yaw) * py, y + np.sin(yaw) * px + np.cos(yaw) * py], axis=-1)
+        return not shapely.intersects(self._walls, shapely.polygons(corners)).any()
+
+    def _saturate(self, v: float, omega: float) -> tuple[float, float]:
+        costs = self._costs
+        limit = costs.max_vel_theta_radps
+        return (
+            min(max(v, -costs.max_vel_x_backwards_mps), costs.max_vel_x_mps),
+            min(max(omega, -limit), limit),
+        )
+
+
+class _Oscillation:
+    """Finds a car that turns left and right on the spot, and then holds it to one direction for a while."""
+
+    def __init__(self, config: TebConfig, control_step_s: float) -> None:
+        self._config = config
+        self._recent: deque[tuple[float, float]] = deque(
+            maxlen=max(2, round(config.oscillation_filter_duration_s / control_step_s))
+        )
+        self._until_s, self._turn = -math.inf, 0.0
+
+    def update(self, speed: float, turning: float, yaw_rate_radps: float, time_s: float) -> None:
+        """Take in the last command as fractions of its limits."""
+        self._recent.append((speed, turning))
+        assert self._recent.maxlen is not None
+        if len(self._recent) < self._recent.maxlen // 2:
+            return
+        speeds, turnings = np.array(self._recent).T
+        eps = self._config.oscillation_eps
+        crossings = np.count_nonzero(np.diff(np.sign(turnings)))
+        if abs(speeds.mean()) < eps and abs(turnings.mean()) < eps and crossings > 1:
+            if time_s >= self._until_s:
+                self._turn = 1.0 if yaw_rate_radps > 0.0 else -1.0
+            self._until_s = time_s + self._config.oscillation_recovery_min_duration_s
+
+    def preferred_turn(self, time_s: float) -> float:
+        """Return +1 to hold on turning left, -1 right, 0 for no preference."""
+        return self._turn if time_s < self._until_s else 0.0
+
+
+def rear_axle_pose(state: RobotState, robot: RobotModel) -> NDArray[np.float64]:
+    """Return (3,) float64, x, y in m and yaw in rad of the rear axle's centre in the world."""
+    pose = state.pose
+    x = pose.x + robot.rear_axle_x_m * math.cos(pose.yaw)
+    y = pose.y + robot.rear_axle_x_m * math.sin(pose.yaw)
+    return np.array([x, y, pose.yaw])
+
+
+def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
+    """Return (S, 4) float64, x and y in m of both ends of each edge of the walls."""
+    rings = [np.array(ring.coords) for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(walls)))]
+    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+
+
+def first_velocity(band: Band) -> tuple[float, float]:
+    """Return speed in m/s, below 0 in reverse, and yaw rate in rad/s of the band's first step."""
+    dx, dy, turn = band.poses[1] - band.poses[0]
+    yaw, dt = band.poses[0, 2], band.dt_s[0]
+    forward = dx * math.cos(yaw) + dy * math.sin(yaw)
+    return math.copysign(math.hypot(dx, dy), forward) / dt, wrap_angle(turn) / dt
+
+
+def steering_angle(v: float, omega: float, wheelbase_m: float, max_steering_rad: float) -> float:
+    """Return the virtual steering angle in rad that turns at `omega` when driving at `v`, clipped to its limit."""
+    if v == 0.0 or omega == 0.0:
+        return 0.0
+    angle = math.atan(wheelbase_m * omega / v)
+    return min(max(angle, -max_steering_rad), max_steering_rad)
