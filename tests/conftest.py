@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.config import LidarConfig, PhysicsConfig
+from zebrat_bullet.detection.check import CollisionChecker
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sim.simulation import Simulation
 
@@ -26,3 +27,12 @@ def simulate(robot: RobotModel) -> Iterator[Callable[..., Simulation]]:
     yield make
     for simulation in made:
         simulation.close()
+
+
+@pytest.fixture(scope="session")
+def checkers() -> Iterator[dict[str, CollisionChecker]]:
+    """Static checkers of ZebraT by their ray caster."""
+    made = {caster: CollisionChecker(lidar=LidarConfig(caster=caster)) for caster in ("embree", "bullet")}
+    yield made
+    for checker in made.values():
+        checker.close()
