@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
@@ -29,14 +30,14 @@ class DwaAgent:
     privileged = frozenset({"pose", "map", "goal"})
 
     def __init__(self, config: DwaConfig, task: TaskConfig) -> None:
-        self._config, self._limits = config, task.physics
+        self.config, self._limits = config, task.physics
         self._robot = load_robot(task.robot)
         self._radius_m = inscribed_radius_m(self._robot.footprint_base)
         self._walls: shapely.MultiPolygon | None = None
 
     def reset(self, seed: int) -> None:
         """Forget the plan."""
-        self._planned_from: np.ndarray | None = None
+        self._planned_from: NDArray[np.float64] | None = None
 
     def act(self, reading: Reading) -> Command:
         """Return the command of the cheapest rollout; stop at the goal and where there is none.
@@ -46,34 +47,34 @@ class DwaAgent:
         """
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
         at = np.array([reading.state.pose.x, reading.state.pose.y])
-        if np.linalg.norm(reading.goal_world - at) <= self._config.xy_goal_tolerance_m:
+        if np.linalg.norm(reading.goal_world - at) <= self.config.xy_goal_tolerance_m:
             return _STOP
         if reading.walls is not self._walls:
             self._walls = reading.walls
             self._grid = OccupancyGrid.of_walls(
-                reading.walls, self._config.resolution_m, also_inside=[at, reading.goal_world]
+                reading.walls, self.config.resolution_m, also_inside=[at, reading.goal_world]
             )
-            self._dwa = DwaPlanner(self._config, self._robot, self._limits, self._grid)
+            self._dwa = DwaPlanner(self.config, self._robot, self._limits, self._grid)
         if self._planned_from is None:
             self._plan(at, reading.goal_world)
         command = self._dwa.command(reading.state)
-        if command is None and np.linalg.norm(at - self._planned_from) > self._config.resolution_m:
+        if command is None and np.linalg.norm(at - self._planned_from) > self.config.resolution_m:
             self._replan(at, reading.goal_world)
         return command or _STOP
 
-    def _plan(self, at, goal) -> None:
+    def _plan(self, at: NDArray[np.float64], goal: NDArray[np.float64]) -> None:
         path = plan(
             self._grid,
             at,
             goal,
-            self._config.inflation_radius_m,
+            self.config.inflation_radius_m,
             inscribed_radius_m=self._radius_m,
-            method=self._config.global_planner,
+            method=self.config.global_planner,
         )
         self._dwa.follow(path)
         self._planned_from = at
 
-    def _replan(self, at, goal) -> None:
+    def _replan(self, at: NDArray[np.float64], goal: NDArray[np.float64]) -> None:
         try:
             self._plan(at, goal)
         except PlanError:  # the car has squeezed itself to where its centre may not be: it keeps the old plan

@@ -23,7 +23,7 @@ class DwaConfig:
         path_distance_bias, goal_distance_bias: price of a metre off the path, and of a metre from the local goal.
         occdist_scale: price of one unit of costmap cost.
         forward_point_distance_m: where ahead of the centre the nose is that alignment and goal_front look at.
-        scaling_speed_mps, max_scaling_factor: above this speed the footprint grows linearly, by this part at full speed.
+        scaling_speed_mps, max_scaling_factor: above this speed the footprint grows, by this part at full speed.
         oscillation_reset_dist_m, oscillation_reset_angle_rad: motion after which a change of direction is free again.
         xy_goal_tolerance_m: nearer to the goal the car stops.
     """
@@ -57,7 +57,8 @@ class DwaConfig:
     def __post_init__(self) -> None:
         positive = ("resolution_m", "window_m", "sim_time_s", "sim_granularity_m", "angular_sim_granularity_rad")
         limits = ("inflation_radius_m", "acc_lim_x", "acc_lim_theta", "max_vel_theta")
-        for name in (*positive, *limits):
+        prices = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
+        for name in (*positive, *limits, *prices):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")
         for name in ("vx_samples", "vtheta_samples"):

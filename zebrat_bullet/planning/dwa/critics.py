@@ -4,6 +4,7 @@ import math
 
 import numba
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.geometry import wrap_angle
@@ -14,21 +15,13 @@ from zebrat_bullet.types import Pose2
 
 def footprint_scale(speed: NDArray[np.float64], config: DwaConfig, max_speed_mps: float) -> NDArray[np.float64]:
     """Return how much larger than the car the outline is checked that drives at (K,) speeds in m/s."""
-    share = (np.abs(speed) - config.scaling_speed_mps) / (max_speed_mps - config.scaling_speed_mps)
-    return 1.0 + config.max_scaling_factor * np.maximum(share, 0.0)
+    over = np.maximum(np.abs(speed) - config.scaling_speed_mps, 0.0)
+    return 1.0 + config.max_scaling_factor * over / max(max_speed_mps - config.scaling_speed_mps, 1e-9)
 
 
 def outline_points(footprint_base: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
     """Return (P, 2) points along a (K, 2) outline, corners among them, neighbours at most `spacing_m` apart."""
-    ends = np.roll(footprint_base, -1, axis=0)
-    sides = zip(footprint_base, ends, strict=True)
-    return np.vstack(
-        [a + np.linspace(0, 1, _pieces(a, b, spacing_m), endpoint=False)[:, None] * (b - a) for a, b in sides]
-    )
-
-
-def _pieces(a: NDArray[np.float64], b: NDArray[np.float64], spacing_m: float) -> int:
-    return max(1, math.ceil(float(np.linalg.norm(b - a)) / spacing_m))
+    return shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(footprint_base), spacing_m))[:-1]
 
 
 @numba.njit(cache=True)

@@ -55,7 +55,7 @@ class DwaPlanner:
         )
         if not len(self.path) or not len(samples):
             return None
-        total = sum(self.prices(state.pose, samples).values())
+        total = np.sum(list(self.prices(state.pose, samples).values()), axis=0)
         best = int(np.argmin(total))
         if not np.isfinite(total[best]):
             return None
@@ -69,7 +69,7 @@ class DwaPlanner:
         at = np.array([pose.x, pose.y])
         ways = rollouts.roll_out(pose, samples, config, self._robot.rear_axle_x_m)
         centre = self._grid.cells_of(at)
-        local = self._costs[tuple(slice(c, c + 2 * self._half + 1) for c in centre)]
+        local = np.ascontiguousarray(self._costs[tuple(slice(c, c + 2 * self._half + 1) for c in centre)])
 
         def cells(points: NDArray[np.float64]) -> NDArray[np.intp]:
             return self._grid.cells_of(points) - centre + self._half
@@ -86,15 +86,18 @@ class DwaPlanner:
         middles = cells(ways[..., :2])
         to_local_goal = critics.grid_distances(local, cells(part[-1:]))
         to_nose_goal = critics.grid_distances(local, cells(nose_goal[None]))
+        # Near the goal the nose has passed the path's end: pulling it back would swing the car.
+        near_goal = float(np.linalg.norm(self.path[-1] - at)) <= nose_m
+        alignment = (
+            np.zeros(len(samples)) if near_goal else critics.end_distances(to_path, noses, stop_on_failure=False)
+        )
         path_price = config.path_distance_bias * config.resolution_m
         goal_price = config.goal_distance_bias * config.resolution_m
-        near_goal = float(np.linalg.norm(self.path[-1] - at)) <= nose_m
         return {
             "oscillation": np.where(self._oscillation.allows(samples), 0.0, np.inf),
             "obstacle": config.occdist_scale * walls,
             "goal_front": goal_price * critics.end_distances(to_nose_goal, noses, stop_on_failure=False),
-            # Near the goal the nose has passed the path's end, and pulling it back would swing the car.
-            "alignment": path_price * (1 - near_goal) * critics.end_distances(to_path, noses, stop_on_failure=False),
+            "alignment": path_price * alignment,
             "path": path_price * critics.end_distances(to_path, middles),
             "goal": goal_price * critics.end_distances(to_local_goal, middles),
         }
