@@ -69,7 +69,7 @@ CollisionCheck = Callable[["str | Path | World", "Pose2"], Checked]
 """What the fixture gives a test: a world (shipped name, path, or World) and a pose, checked."""
 
 
-class _Bench:
+class _Cache:
     """Checkers by their settings and worlds by their file, made once in a test session."""
 
     def __init__(self) -> None:
@@ -114,14 +114,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def _collision_bench() -> Iterator[_Bench]:
-    bench = _Bench()
-    yield bench
-    bench.close()
+def _collision_cache() -> Iterator[_Cache]:
+    cache = _Cache()
+    yield cache
+    cache.close()
 
 
 @pytest.fixture
-def collision_check(request: pytest.FixtureRequest, _collision_bench: _Bench) -> CollisionCheck:
+def collision_check(request: pytest.FixtureRequest, _collision_cache: _Cache) -> CollisionCheck:
     """Check a pose: `collision_check(world, pose).reports("polygon", "sr").misses("fifr")`.
 
     `@pytest.mark.collision(robot=..., caster=..., margin_m=..., n_bearings=..., resolution_m=...)` on a test, class or
@@ -141,7 +141,7 @@ def collision_check(request: pytest.FixtureRequest, _collision_bench: _Bench) ->
         options = marker.kwargs | options
 
     def check(world: "str | Path | World", pose: "Pose2") -> Checked:
-        loaded = _collision_bench.world(world)
-        return Checked(loaded.name, _collision_bench.checker(options).check(loaded, pose))
+        loaded = _collision_cache.world(world)
+        return Checked(loaded.name, _collision_cache.checker(options).check(loaded, pose))
 
     return check
