@@ -22,8 +22,8 @@ from zebrat_bullet.types import Pose2
 
 # A start nearer to a wall than the margin is left within this much driving.
 _LEAVE_START_M = 1.0
-# A margin is narrowed to save a reversal, but not below this.
-_SAVING_M = 0.03
+# Margins below this are left to the finer search, and not taken only to save a reversal.
+_TIGHT_M = 0.03
 # A start that all but touches a wall is not worth an endless number of checks.
 _LEAST_SPACING_M = 0.005
 _PADDING_M = 3.0
@@ -118,20 +118,23 @@ def plan_path(
     if start_clearance == 0.0:
         raise PlanError(f"the car touches a wall where it starts, at ({start.x:.2f}, {start.y:.2f}); move it")
     index = index_walls(walls, robot, max(config.margins_m))
-    best: Plan | None = None
-    for resolution in (config, config.finer()):
-        field = _field(walls, robot, axle, goal_world, resolution)
-        for margin in config.margins_m:
-            if best is not None and (best.path.n_reversals == 0 or margin < _SAVING_M):
+    nearest = math.inf
+    roomy = [margin for margin in config.margins_m if margin >= _TIGHT_M]
+    for searched, margins in ((config, roomy), (config.finer(), config.margins_m)):
+        field = _field(walls, robot, axle, goal_world, searched)
+        best: Plan | None = None
+        for margin in margins:
+            if best is not None and (best.path.n_reversals == 0 or margin < _TIGHT_M):
                 break
-            found = _search(axle, goal_world, field, index, robot, margin, start_clearance, resolution)
+            found = _search(axle, goal_world, field, index, robot, margin, start_clearance, searched)
+            nearest = min(nearest, found.nearest_m)
             if found.last >= 0 and (best is None or _path(found).n_reversals < best.path.n_reversals):
                 best = Plan(_path(found), margin)
         if best is not None:
             return best
     raise PlanError(
         f"no drive from ({start.x:.2f}, {start.y:.2f}) to ({goal_world[0]:.2f}, {goal_world[1]:.2f}) keeps "
-        f"{min(config.margins_m)} m from the walls; the nearest came within {found.nearest_m:.2f} m; widen the passage"
+        f"{min(config.margins_m)} m from the walls; the nearest came within {nearest:.2f} m; widen the passage"
     )
 
 

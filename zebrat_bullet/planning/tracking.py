@@ -26,8 +26,8 @@ _TURN_STANDING_RAD = 0.15
 class PathTracker:
     """Steers the rear axle along a path at full speed; stops where the path changes direction, and at its end.
 
-    In distance driven, the lateral error e of a car whose curvature differs from the path's by dk obeys e'' = dk (for
-    small errors). The feedback dk = -e / l^2 - 2 e' / l makes it die away over the length l. The path's own curvature is
+    In distance driven, the lateral error e of a car whose curvature differs from the path's by dk obeys e'' = dk, for
+    small errors. The feedback dk = -e / l^2 - 2 e' / l makes it die away over the length l. The path's own curvature is
     taken as the mean over what will be driven under the command, which begins to act a steering lag after it is given.
 
     Args:
@@ -74,7 +74,7 @@ class PathTracker:
         return along_arc(axle_pose(state.pose, self._robot), np.array([distance]), turn)[0]
 
     def _nearest(self, pose: NDArray[np.float64]) -> int:
-        """Return the nearest sample of the path, not before the last one found nor past the next change of direction."""
+        """Return the nearest sample of the path from the last one found up to the next change of direction."""
         last = min(self._ends[0], self._at + round(_WINDOW_M / _SPACING_M))
         gaps = self._poses[self._at : last + 1, :2] - pose[:2]
         return self._at + int(np.argmin(np.hypot(*gaps.T)))

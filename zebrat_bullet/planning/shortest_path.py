@@ -1,0 +1,54 @@
+"""The length of the shortest way for a disc among walls: no car whose outline holds the disc can do with less."""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+# Lines of sight may reach so far into the grown walls: along a wall's edge they would else depend on rounding.
+_HAIR_M = 1e-3
+
+
+def shortest_length_m(
+    walls: shapely.MultiPolygon, start_xy: NDArray[np.float64], line: NDArray[np.float64], radius_m: float
+) -> float:
+    """Return a lower bound, tight within millimetres a corner, for the way of a disc from a point to a line.
+
+    The shortest way of the disc's centre is a chain of straights between the convex corners of the walls grown by the
+    radius. Their rounded corners are replaced by chords, which can only shorten the way.
+
+    Args:
+        walls: what the disc must not enter.
+        start_xy: (2,) m, world frame, its centre.
+        line: (2, 2) m, end points.
+        radius_m: of the disc.
+
+    Returns:
+        Metres; inf where no way is wide enough.
+    """
+    grown = walls.buffer(radius_m, quad_segs=4)
+    seen_through = walls.buffer(radius_m - _HAIR_M, quad_segs=4)
+    shapely.prepare(seen_through)
+    points = np.vstack([start_xy, _convex_corners(grown)])
+    i, j = np.triu_indices(len(points), k=1)
+    sights = shapely.linestrings(np.stack([points[i], points[j]], axis=1))
+    open_ = ~shapely.intersects(seen_through, sights)
+    lengths = sparse.coo_matrix((shapely.length(sights[open_]), (i[open_], j[open_])), shape=(len(points), len(points)))
+    to_corner = csgraph.dijkstra(lengths.tocsr(), directed=False, indices=0)
+    target = shapely.LineString(line).difference(seen_through)
+    if target.is_empty:
+        return np.inf
+    last = shapely.shortest_line(shapely.points(points), target)
+    visible = ~shapely.crosses(seen_through, last)
+    return float(np.min(to_corner + shapely.length(last), where=visible, initial=np.inf))
+
+
+def _convex_corners(shape: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the (C, 2) vertices at which the outlines bulge outwards."""
+    corners = [np.empty((0, 2))]
+    for ring in shapely.get_rings(shapely.orient_polygons(shapely.get_parts(shape))):
+        points = shapely.get_coordinates(ring)[:-1]
+        before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+        corners.append(points[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0.0])
+    return np.concatenate(corners)
