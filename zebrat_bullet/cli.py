@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from zebrat_bullet import __version__
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import REWARD_PRESETS, TaskConfig, with_overrides
-from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.errors import PlanError, WorldError, ZebratError
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
@@ -131,7 +131,7 @@ def video(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 
 def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    """List worlds with length, narrowest width and turns; draw them to scale with the car, write them as ROS maps."""
+    """List worlds with length, narrowest width and turns; draw them to scale, write ROS maps, certify drives out."""
     from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
     from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
@@ -148,7 +148,10 @@ def worlds(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     for world in loaded if arguments.map else ():
         ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
         write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
-    return result, worlds_table(result)
+    text = worlds_table(result)
+    if arguments.certify:
+        text += "\n\n" + "\n".join(_certify(arguments, world, result[world.name]) for world in loaded)
+    return result, text
 
 
 def bench(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
@@ -235,6 +238,23 @@ def teleop(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         on_episode=on_episode,
     )
     return {"folder": str(out), "outcomes": outcomes}, f"{len(outcomes)} episodes saved in {out}"
+
+
+def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
+    """Write a world's certificate, note it in the world's result, and return what it says."""
+    from zebrat_bullet.planning.certificate import certify, save_certificate
+    from zebrat_bullet.robot import load_robot
+
+    try:
+        certificate = certify(world, load_robot(arguments.robot))
+    except (PlanError, WorldError) as error:
+        result["certificate"] = None
+        return f"{world.name}: not certified: {error}"
+    result["certificate"] = str(save_certificate(certificate, arguments.certify))
+    return (
+        f"{world.name}: {certificate.length_m:.1f} m with {certificate.n_reversals} reversals lead out, at least "
+        f"{certificate.clearance_m:.3f} m from every wall; none takes less than {certificate.least_time_s:.1f} s"
+    )
 
 
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
@@ -375,6 +395,7 @@ def _parser() -> argparse.ArgumentParser:
     made = command(worlds)
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
     made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png")
+    made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
     made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
 
     made = command(bench)
