@@ -72,6 +72,13 @@ def _dwa(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return DwaAgent(with_overrides(DwaConfig(), settings), task)
 
 
+def _dwa_tuned(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    from zebrat_bullet.agents.dwa import DwaAgent
+    from zebrat_bullet.planning.dwa import TUNED
+
+    return DwaAgent(with_overrides(TUNED, settings), task)
+
+
 def _teb(task: TaskConfig, settings: Sequence[str]) -> Agent:
     from zebrat_bullet.agents.teb import TebAgent
     from zebrat_bullet.planning.teb.config import TebConfig
@@ -79,4 +86,10 @@ def _teb(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return TebAgent(with_overrides(TebConfig(), settings), task)
 
 
-FACTORIES: dict[str, Factory] = {"random": _random, "dwa": _dwa, "teb": _teb, "oracle": _oracle}
+FACTORIES: dict[str, Factory] = {
+    "random": _random,
+    "dwa": _dwa,
+    "dwa_tuned": _dwa_tuned,
+    "teb": _teb,
+    "oracle": _oracle,
+}
