@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.planning.footprint_check import touches
+from zebrat_bullet.planning.footprint_check import Outline, WallIndex, touches
 
 
 class Field(NamedTuple):
@@ -74,7 +74,7 @@ class Found(NamedTuple):
 
 
 @numba.njit(cache=True)
-def distances_to(free, row, column, cell_m):  # type: ignore[no-untyped-def]  # pragma: no cover
+def distances_to(free: NDArray[np.bool_], row: int, column: int, cell_m: float) -> NDArray[np.float64]:
     """Return the (H, W) length in m of the shortest 8-connected way over free cells to the cell at (row, column)."""
     distances = np.full(free.shape, np.inf)
     distances[row, column] = 0.0
@@ -96,9 +96,18 @@ def distances_to(free, row, column, cell_m):  # type: ignore[no-untyped-def]  # 
 
 
 @numba.njit(cache=True)
-def search(  # type: ignore[no-untyped-def]  # pragma: no cover
-    start, goal, field, n_yaw, moves, walls, outline, leaving_outline, leaving_m, max_nodes
-):
+def search(
+    start: NDArray[np.float64],
+    goal: Goal,
+    field: Field,
+    n_yaw: int,
+    moves: Moves,
+    walls: WallIndex,
+    outline: Outline,
+    leaving_outline: Outline,
+    leaving_m: float,
+    max_nodes: int,
+) -> Found:
     """Return the tree of the search, up to the goal or to its end.
 
     Args:
@@ -147,14 +156,16 @@ def search(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _along(x, y, yaw, curvature, length):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _along(x: float, y: float, yaw: float, curvature: float, length: float) -> tuple[float, float, float]:
     turn = curvature * length
     chord = length if turn == 0.0 else length * np.sin(turn / 2.0) / (turn / 2.0)
     return x + chord * np.cos(yaw + turn / 2.0), y + chord * np.sin(yaw + turn / 2.0), yaw + turn
 
 
 @numba.njit(cache=True)
-def _blocked(walls, outline, x, y, yaw, moves, a, direction):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _blocked(
+    walls: WallIndex, outline: Outline, x: float, y: float, yaw: float, moves: Moves, a: int, direction: int
+) -> bool:
     step = direction * moves.length_m / moves.n_checks
     for k in range(moves.n_checks, 0, -1):  # the far end first: it hits most often
         px, py, pyaw = _along(x, y, yaw, moves.curvatures[a], k * step)
@@ -164,7 +175,8 @@ def _blocked(walls, outline, x, y, yaw, moves, a, direction):  # type: ignore[no
 
 
 @numba.njit(cache=True)
-def _key(field, n_yaw, x, y, yaw, direction):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _key(field: Field, n_yaw: int, x: float, y: float, yaw: float, direction: int) -> int:
+    """Return the number of the cell of (x, y, yaw, direction); -1 where it is not worth a visit."""
     row, column = int(np.floor((y - field.y) / field.cell_m)), int(np.floor((x - field.x) / field.cell_m))
     if not (0 <= row < field.ids.shape[0] and 0 <= column < field.ids.shape[1]) or field.ids[row, column] < 0:
         return -1
@@ -173,7 +185,7 @@ def _key(field, n_yaw, x, y, yaw, direction):  # type: ignore[no-untyped-def]  #
 
 
 @numba.njit(cache=True)
-def _price(moves, before, move, direction_before, direction):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _price(moves: Moves, before: int, move: int, direction_before: int, direction: int) -> float:
     change = abs(moves.steering_rad[move] - moves.steering_rad[before])
     price = moves.length_m + moves.steering_cost * change
     if direction < 0:
@@ -184,13 +196,13 @@ def _price(moves, before, move, direction_before, direction):  # type: ignore[no
 
 
 @numba.njit(cache=True)
-def _lidar_to_goal(goal, x, y, yaw):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _lidar_to_goal(goal: Goal, x: float, y: float, yaw: float) -> float:
     c, s = np.cos(yaw), np.sin(yaw)
     return np.hypot(x + c * goal.lidar_x - s * goal.lidar_y - goal.x, y + s * goal.lidar_x + c * goal.lidar_y - goal.y)
 
 
 @numba.njit(cache=True)
-def _rest(field, goal, x, y):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _rest(field: Field, goal: Goal, x: float, y: float) -> float:
     """Estimate what is left: the axle need not come nearer than the lidar stands ahead of it."""
     row, column = int((y - field.y) / field.cell_m), int((x - field.x) / field.cell_m)
     return max(0.0, field.to_goal_m[row, column] - goal.radius_m - np.hypot(goal.lidar_x, goal.lidar_y))

@@ -57,7 +57,7 @@ def outline_about_axle(robot: RobotModel, margin_m: float = 0.0) -> Outline:
 
 
 def index_walls(walls: shapely.MultiPolygon, robot: RobotModel, margin_m: float) -> WallIndex:
-    """Sort the segments of (M) wall outlines into buckets, for footprints enlarged by at most `margin_m`."""
+    """Sort the segments of the wall outlines into buckets, for footprints enlarged by at most `margin_m`."""
     segments = _segments(walls)
     corners = robot.footprint_base - robot.footprint_base.mean(axis=0)
     # The enlarged outline has sharp corners, which stand out by more than the margin.
@@ -74,7 +74,7 @@ def index_walls(walls: shapely.MultiPolygon, robot: RobotModel, margin_m: float)
 
 
 @numba.njit(cache=True)
-def touches(walls: WallIndex, outline: Outline, x: float, y: float, yaw: float) -> bool:  # pragma: no cover
+def touches(walls: WallIndex, outline: Outline, x: float, y: float, yaw: float) -> bool:
     """Return whether the outline of a car with its rear axle at this pose meets a wall segment."""
     c, s = np.cos(yaw), np.sin(yaw)
     column = int(np.floor((x + c * outline.centre_x - s * outline.centre_y - walls.x) / _BUCKET_M))
@@ -89,7 +89,7 @@ def touches(walls: WallIndex, outline: Outline, x: float, y: float, yaw: float) 
 
 
 @numba.njit(cache=True)
-def _cuts(segment, outline, x, y, c, s):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _cuts(segment: NDArray[np.float64], outline: Outline, x: float, y: float, c: float, s: float) -> bool:
     """Clip a segment by the outline's half-planes (Cyrus and Beck): it cuts the outline where something is left."""
     ax, ay = segment[0] - x, segment[1] - y
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]

@@ -21,7 +21,7 @@ from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 
 # A start nearer to a wall than the margin is left within this much driving.
-_LEAVE_START_M = 1.0
+_LEAVE_START_M = 2.0
 # Margins below this are left to the finer search, and not taken only to save a reversal.
 _TIGHT_M = 0.03
 # A start that all but touches a wall is not worth an endless number of checks.
