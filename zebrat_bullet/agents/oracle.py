@@ -1,5 +1,6 @@
 """The yardstick: knows pose, map and goal, plans the whole drive once and follows it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,8 @@ from zebrat_bullet.types import Command, Reading
 _STEERING_RESERVE_RAD = 0.04
 _STRAYED_M = 0.15
 _STRAYED_RAD = 0.4
+# Between two plans: where there is no better way, looking for one at every step would only take time.
+_PATIENCE_S = 1.0
 # Straight on past the end of the plan: the judge, not the plan, says when open space is reached.
 _RUN_OUT_M = 3.0
 
@@ -43,24 +46,27 @@ class OracleAgent:
     def reset(self, seed: int) -> None:
         """Forget the plan; the oracle leaves nothing to chance."""
         self._tracker: PathTracker | None = None
-        self._planned = False
+        self._planned_s = -math.inf
 
     def act(self, reading: Reading) -> Command:
         """Return the command for this reading; the first of an episode takes as long as a plan."""
         assert reading.state is not None
-        if not self._planned or self._strayed():
+        if self._planned_s == -math.inf:
             self._plan(reading)
-        return Command(0.0, 0.0) if self._tracker is None else self._tracker.act(reading.state)
+        if self._tracker is None:
+            return Command(0.0, 0.0)
+        command = self._tracker.act(reading.state)
+        if self._has_strayed(self._tracker) and reading.time_s - self._planned_s >= _PATIENCE_S:
+            self._plan(reading)
+            command = self._tracker.act(reading.state)
+        return command
 
-    def _strayed(self) -> bool:
-        tracker = self._tracker
-        return tracker is not None and (
-            abs(tracker.lateral_error_m) > _STRAYED_M or abs(tracker.heading_error_rad) > _STRAYED_RAD
-        )
+    def _has_strayed(self, tracker: PathTracker) -> bool:
+        return abs(tracker.lateral_error_m) > _STRAYED_M or abs(tracker.heading_error_rad) > _STRAYED_RAD
 
     def _plan(self, reading: Reading) -> None:
         """Plan from where the car is; keep the plan there was where no other is found."""
-        self._planned = True
+        self._planned_s = reading.time_s
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
         for search in self._searches:
             try:
