@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.geometry import wrap_angle
 from zebrat_bullet.planning.teb.config import TebConfig
-from zebrat_bullet.planning.teb.terms import Costs
+from zebrat_bullet.planning.teb.costs import Costs
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Band:
 
 
 def begin(path: NDArray[np.float64], start: NDArray[np.float64], goal_yaw: float, costs: Costs) -> Band:
-    """Return a band along a path, each pose heading for the next.
+    """Return a band along a path, each pose heading for the next, or away from it where the goal lies behind the start.
 
     Args:
         path: (M, 2) float64, m, M >= 2; its first point gives way to the start.
@@ -34,7 +34,8 @@ def begin(path: NDArray[np.float64], start: NDArray[np.float64], goal_yaw: float
     """
     inner = path[1:-1]
     ahead = np.diff(path[1:], axis=0)
-    yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
+    behind = np.dot(path[-1] - start[:2], (math.cos(start[2]), math.sin(start[2]))) < 0.0
+    yaws = np.arctan2(ahead[:, 1], ahead[:, 0]) + (math.pi if behind else 0.0)
     poses = np.vstack([start, np.column_stack([inner, yaws]), [*path[-1], goal_yaw]])
     while len(poses) < 4:
         poses = np.insert(poses, 1, _between(poses[0], poses[1]), axis=0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.planning.teb.terms import Costs
+from zebrat_bullet.planning.teb.costs import Costs
 from zebrat_bullet.robot import RobotModel
 
 
@@ -25,6 +25,7 @@ class TebConfig:
         force_reinit_new_goal_dist_m, force_reinit_new_goal_angular_rad: a local goal that jumps farther than this
             begins a new band.
         feasibility_check_no_poses: poses beyond the first whose exact footprint must be free of walls.
+        xy_goal_tolerance_m: nearer than this to the end of the global plan, the car stops.
         max_vel_x_backwards_mps: fastest reversing (tutorial).
         acc_lim_x_mps2, acc_lim_theta_radps2: limits of acceleration.
         min_obstacle_dist_m: distance to keep from the footprint to every wall.
@@ -54,10 +55,11 @@ class TebConfig:
     force_reinit_new_goal_dist_m: float = 1.0
     force_reinit_new_goal_angular_rad: float = 0.5 * math.pi
     feasibility_check_no_poses: int = 5
+    xy_goal_tolerance_m: float = 0.2
     max_vel_x_backwards_mps: float = 0.2
     acc_lim_x_mps2: float = 0.5
     acc_lim_theta_radps2: float = 0.5
-    min_obstacle_dist_m: float = 0.3
+    min_obstacle_dist_m: float = 0.15
     inflation_radius_m: float = 0.3
     obstacle_association_force_inclusion_factor: float = 1.5
     obstacle_association_cutoff_factor: float = 5.0

@@ -20,7 +20,7 @@ class GlobalPath:
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         spacing = float(np.median(np.hypot(*np.diff(points, axis=0).T)))
-        smooth = uniform_filter1d(points, max(1, round(_SMOOTHED_M / spacing)), axis=0, mode="nearest")
+        smooth = uniform_filter1d(points, 2 * round(0.5 * _SMOOTHED_M / spacing) + 1, axis=0, mode="nearest")
         smooth[0], smooth[-1] = points[0], points[-1]
         self._points = smooth
         self._length = np.append(0.0, np.cumsum(np.hypot(*np.diff(smooth, axis=0).T)))

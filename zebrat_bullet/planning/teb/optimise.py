@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.planning.teb.band import Band, resize
 from zebrat_bullet.planning.teb.config import TebConfig
-from zebrat_bullet.planning.teb.normal import associate, band_cost, normal_equations
-from zebrat_bullet.planning.teb.terms import Costs
+from zebrat_bullet.planning.teb.costs import Costs, Problem, associate, band_cost, normal_equations
 
 _MIN_DT_S = 0.01
 _FIRST_DAMPING = 1e-5  # of the largest diagonal element
@@ -46,7 +45,7 @@ def optimise(band: Band, around: Surroundings, config: TebConfig, costs: Costs) 
         reach = float(np.hypot(*around.outline.T).max())
         pairs = associate(unknowns, around.outline, reach, around.segments, near, cutoff)
         vias = _attach(band, around.via_points)
-        problem = (costs, around.outline, around.segments, pairs, scale, vias, around.velocity, around.rotate)
+        problem = Problem(costs, around.outline, around.segments, pairs, scale, vias, around.velocity, around.rotate)
         best = _levenberg_marquardt(unknowns, problem, config.no_inner_iterations)
         if best is None:
             return None
@@ -68,24 +67,24 @@ def _attach(band: Band, via_points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _levenberg_marquardt(
-    unknowns: NDArray[np.float64], problem: tuple, n_iterations: int
+    unknowns: NDArray[np.float64], problem: Problem, n_iterations: int
 ) -> NDArray[np.float64] | None:
     """Return the unknowns after at most `n_iterations` steps; None where the cost is not finite.
 
     Damping after Nielsen, as g2o does: it shrinks smoothly with the ratio of the gain to the predicted one.
     """
-    cost = band_cost(unknowns, *problem)
+    cost = band_cost(unknowns, problem)
     damping, growth = 0.0, 2.0
     for _ in range(n_iterations):
         if not np.isfinite(cost):
             return None
-        matrix, gradient = normal_equations(unknowns, *problem)
+        matrix, gradient = normal_equations(unknowns, problem)
         damping = damping or _FIRST_DAMPING * float(matrix[0].max())
         for _ in range(_TRIALS):
             step = _damped_step(matrix, gradient, damping)
             moved = unknowns + step
             moved[3::4] = np.maximum(moved[3::4], _MIN_DT_S)
-            moved_cost = band_cost(moved, *problem)
+            moved_cost = band_cost(moved, problem)
             gain = (cost - moved_cost) / (float(step @ (damping * step - gradient)) + 1e-12)
             if gain > 0.0 and np.isfinite(moved_cost):
                 unknowns, cost = moved, moved_cost
