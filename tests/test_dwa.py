@@ -20,7 +20,7 @@ from zebrat_bullet.planning.grid import OccupancyGrid
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World
+from zebrat_bullet.world import World, load_world
 
 LIMITS = PhysicsConfig()
 RADIUS_M = 0.56 / math.tan(0.6)
@@ -94,7 +94,7 @@ def test_grid_distance_counts_steps_round_obstacles() -> None:
     inf = math.inf
     assert critics.grid_distances(costs, np.array([(0, 0)])).tolist() == [[0, inf, 6, 7], [1, inf, 5, 6], [2, 3, 4, 5]]
     costs[2, 1] = 254
-    assert critics.grid_distances(costs, np.array([(0, 0), (1, 3)])).tolist() == [
+    assert critics.grid_distances(costs, np.array([(0, 0), (1, 3), (0, 4), (-1, 0)])).tolist() == [
         [0, inf, 2, 1],
         [1, inf, 1, 0],
         [2, inf, 2, 1],
@@ -231,3 +231,14 @@ def test_planning_a_step_takes_less_than_20_ms(robot: RobotModel) -> None:
         planner.command(standing())
         took.append(time.process_time() - begin)
     assert np.median(took) < 0.020
+
+
+def test_the_same_seed_gives_the_same_drive_bit_for_bit_also_with_a_used_agent() -> None:
+    world = load_world("track_2")
+    task_drive = Drive(replace(TASK, episode=EpisodeConfig(max_steps=40)), world)
+    used, fresh = load_agent("dwa", TASK), load_agent("dwa", TASK)
+    first = [run_episode(task_drive, used, 0, episode) for episode in (0, 1, 0)]
+    again = run_episode(task_drive, fresh, 0, 0)
+    task_drive.close()
+    assert np.array_equal(first[0].pose, first[2].pose) and np.array_equal(first[0].pose, again.pose)
+    assert not np.array_equal(first[0].pose, first[1].pose)

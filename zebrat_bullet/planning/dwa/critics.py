@@ -70,7 +70,8 @@ def grid_distances(costs: NDArray[np.uint8], targets: NDArray[np.int64]) -> NDAr
 
     Args:
         costs: (H, W) uint8; cells from INSCRIBED up are obstacles, which no step enters.
-        targets: (K, 2) int64 row and column; they count even where they are obstacles.
+        targets: (K, 2) int64 row and column; they count even where they are obstacles, and not outside
+            the grid.
 
     Returns:
         (H, W) float64, inf in obstacles and in cells without a way to a target.
@@ -80,7 +81,7 @@ def grid_distances(costs: NDArray[np.uint8], targets: NDArray[np.int64]) -> NDAr
     queue = np.empty((n_rows * n_cols, 2), np.int64)
     head, tail = 0, 0
     for row, col in targets:
-        if distances[row, col] > 0.0:
+        if 0 <= row < n_rows and 0 <= col < n_cols and distances[row, col] > 0.0:
             distances[row, col] = 0.0
             queue[tail, 0], queue[tail, 1] = row, col
             tail += 1

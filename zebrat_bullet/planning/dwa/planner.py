@@ -85,7 +85,8 @@ class DwaPlanner:
         noses = cells(critics.shifted(ways, nose_m))
         middles = cells(ways[..., :2])
         to_local_goal = critics.grid_distances(local, cells(part[-1:]))
-        to_nose_goal = critics.grid_distances(local, cells(nose_goal[None]))
+        # Where the nose's goal lies beyond the window, the nearest cell in it stands for it.
+        to_nose_goal = critics.grid_distances(local, np.clip(cells(nose_goal[None]), 0, 2 * self._half))
         # Near the goal the nose has passed the path's end: pulling it back would swing the car.
         near_goal = float(np.linalg.norm(self.path[-1] - at)) <= nose_m
         alignment = (
