@@ -123,20 +123,7 @@ def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progre
     paths: list[Path] = []
     n_events = 0
     for round_ in count():
-        jobs = [
-            DriveJob(
-                world=world,
-                driver=driver,
-                walls=walls,
-                seed=study.seed,
-                chunk=round_,
-                n_drives=N_DRIVES,
-                task=study.task,
-                policy=study.policy,
-            )
-            for world in study.worlds
-            for driver in study.drivers
-        ]
+        jobs = [_job(study, world, driver, walls, round_) for world in study.worlds for driver in study.drivers]
         todo = [job for job in jobs if not (folder / job.file_name).is_file()]
         for n, future in enumerate(as_completed([pool.submit(_drive_job, job, folder) for job in todo])):
             future.result()
@@ -150,6 +137,19 @@ def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progre
                 f"no drive met a wall in {_IDLE_ROUNDS * len(jobs) * N_DRIVES}; choose other worlds or drivers"
             )
     raise AssertionError
+
+
+def _job(study: Study, world: str, driver: str, walls: str, chunk: int) -> DriveJob:
+    return DriveJob(
+        world=world,
+        driver=driver,
+        walls=walls,
+        seed=study.seed,
+        chunk=chunk,
+        n_drives=N_DRIVES,
+        task=study.task,
+        policy=study.policy,
+    )
 
 
 def _drive_job(job: DriveJob, folder: Path) -> None:
@@ -187,6 +187,18 @@ def score(
             tallies = dict(zip(what, _tallies(scores, len(what)), strict=True))
             result |= {(walls, case): tallies[case.representation] for case in cases if case.sensing == sensing}
     return result
+
+
+def run_study(
+    study: Study, cases: Sequence[Case], folder: Path, workers: int | None, progress: Progress
+) -> dict[tuple[str, Case], Tally]:
+    """Drive and score; see `drive` and `score`."""
+    return score(study, drive(study, folder, workers, progress), cases, folder, workers, progress)
+
+
+def load_event_trace(study: Study, event: Event, folder: Path) -> Trace:
+    """Return the trace that holds an event."""
+    return load_trace(folder / "traces" / _job(study, event.world, event.driver, event.walls, event.chunk).file_name)
 
 
 def _score_job(path: Path, sensing: Sensing, what: list[Representation], study: Study, folder: Path) -> TraceScore:

@@ -1,0 +1,174 @@
+"""The study of representations as figures: the counts, where on the body contacts are missed, and what was varied."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from zebrat_bullet.detection.representations import KINDS, Representation, region_of
+from zebrat_bullet.detection.summary import (
+    PAPER_COUNTS,
+    Results,
+    base_tallies,
+    event_counts,
+    relative_difference,
+    summarise,
+)
+from zebrat_bullet.report.collisions import LABELS
+from zebrat_bullet.robot import load_robot
+
+COLOURS = {"sr": "#2a6f97", "firect": "#e07a3f", "fifr": "#7b5ea7", "cloud": "#7d8a97"}
+_SEEN, _LATE, _MISSED = "#b9c4cf", "#f2b134", "#c8322b"
+
+
+def draw_counts(results: Results, path: Path) -> None:
+    """Draw the paper's bar chart beside ours, each count relative to the safety region's (PNG, SVG or PDF)."""
+    kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
+    groups = [(walls, name) for walls in kinds_of_walls for name in ("in_time", "within_1_s", "overlap_reports")]
+    figure = Figure(figsize=(2.2 + 1.9 * len(groups), 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for i, (kind, count) in enumerate(PAPER_COUNTS.items()):
+        share = count / PAPER_COUNTS["sr"]
+        axes.bar(0.25 * (i - 1), share, 0.23, color=COLOURS[kind], label=LABELS[kind])
+        axes.text(0.25 * (i - 1), share + 0.02, str(count), ha="center", fontsize=8)
+    for g, (walls, name) in enumerate(groups, start=1):
+        tallies = base_tallies(results, walls)
+        for i, kind in enumerate(PAPER_COUNTS):
+            difference, low, high = relative_difference(tallies[kind], tallies["sr"], name)
+            spread = [[difference - low], [high - difference]] if kind != "sr" else None
+            at = g + 0.25 * (i - 1)
+            axes.bar(at, 1.0 + difference, 0.23, color=COLOURS[kind], yerr=spread, error_kw={"lw": 1, "capsize": 2})
+            axes.text(
+                at,
+                1.03 + max(difference, high),
+                f"{event_counts(tallies[kind], name).sum():.0f}",
+                ha="center",
+                fontsize=8,
+            )
+    said = {
+        "in_time": "contacts\nin time",
+        "within_1_s": "contacts\nwithin 1 s",
+        "overlap_reports": "sweeps\nin collision",
+    }
+    labels = ["paper,\nFig. 4c", *(f"{walls} walls,\n{said[name]}" for walls, name in groups)]
+    axes.set_xticks(range(len(labels)), labels, fontsize=9)
+    axes.set_ylabel("reported, relative to SR")
+    _finish(axes)
+    axes.legend(frameon=False, ncols=3, loc="upper right")
+    figure.savefig(path, dpi=130)
+
+
+def draw_misses(results: Results, robot: str, path: Path) -> None:
+    """Draw every contact where it met the body: seen in time, seen late, missed; a row a kind of walls."""
+    kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
+    model = load_robot(robot)
+    outline = model.footprint_base
+    span = np.ptp(outline, axis=0)
+    figure = Figure(
+        figsize=(3.3 * len(KINDS), 3.3 * span[1] / span[0] * len(kinds_of_walls) + 1.4), layout="constrained"
+    )
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(len(kinds_of_walls), len(KINDS), squeeze=False)
+    for row, walls in zip(grid, kinds_of_walls, strict=True):
+        for axes, (kind, tally) in zip(row, base_tallies(results, walls).items(), strict=True):
+            at = np.array([(event.contact_x, event.contact_y) for event in tally.events])
+            late = np.isfinite(tally.lead_s) & ~tally.in_time
+            missed = ~np.isfinite(tally.lead_s)
+            axes.add_patch(Polygon(outline, closed=True, fc="#f4f6f8", ec="#2f3b4c"))
+            for chosen, colour in ((tally.in_time, _SEEN), (late, _LATE), (missed, _MISSED)):
+                axes.scatter(*at[chosen].T, s=7, color=colour, linewidths=0, alpha=0.8, zorder=3)
+            if kind != "cloud":
+                _draw_rays(axes, kind, robot)
+            share = f"in time {tally.in_time.mean():.0%}, late {late.mean():.0%}, missed {missed.mean():.0%}"
+            axes.set_title(f"{LABELS[kind]}, {walls} walls\n{share}", fontsize=9)
+            axes.set_aspect("equal")
+            axes.margins(0.08)
+            axes.axis("off")
+    handles = [
+        grid[0][0].scatter([], [], color=colour, label=name)
+        for colour, name in ((_SEEN, "reported in time"), (_LATE, "reported within 1 s"), (_MISSED, "missed"))
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.savefig(path, dpi=130)
+
+
+def _draw_rays(axes: Axes, kind: str, robot: str) -> None:
+    model = load_robot(robot)
+    region = region_of(Representation(kind=kind), robot, 360)
+    bearings = -np.pi + region.indices * (2.0 * np.pi / 360)
+    mount = model.lidar_xyz_base[:2]
+    ends = mount + region.range_m[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    for end in ends:
+        axes.plot(*np.array([mount, end]).T, color=COLOURS[kind], lw=0.5, alpha=0.5, zorder=1)
+
+
+_SWEEPS = {
+    "margin": ("margin, cm", lambda case: 100.0 * case.representation.margin_m),
+    "rays": ("number of rays", lambda case: case.representation.n_rays),
+    "rate": ("sweeps a second", lambda case: case.sensing.rate_hz),
+    "resolution": ("bearings of the scan", lambda case: case.sensing.lidar.n_bearings),
+}
+
+
+def draw_sweeps(results: Results, path: Path) -> bool:
+    """Draw recall, and false alarms a minute for the margin, over what was varied; False if nothing was."""
+    shown = [
+        (walls, panel)
+        for panel in _SWEEPS
+        for walls in dict.fromkeys(walls for walls, _ in results)
+        if any(case.panel == panel for _, case in results)
+    ]
+    if not shown:
+        return False
+    columns = len(dict.fromkeys(walls for walls, _ in shown))
+    rows = len(shown) // columns
+    figure = Figure(figsize=(4.6 * columns, 2.8 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes, (walls, panel) in zip(grid.flat, shown, strict=True):
+        _draw_sweep(axes, results, walls, panel)
+    grid.flat[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=130)
+    return True
+
+
+def _draw_sweep(axes: Axes, results: Results, walls: str, panel: str) -> None:
+    label, value = _SWEEPS[panel]
+    for kind in KINDS:
+        chosen = [
+            (value(case), summarise(tally))
+            for (w, case), tally in results.items()
+            if w == walls and case.panel == panel and case.representation.kind == kind
+        ]
+        if not chosen:
+            continue
+        chosen.sort(key=lambda one: one[0])
+        x: Sequence[float] = [at for at, _ in chosen]
+        axes.plot(x, [one.recall for _, one in chosen], "-", color=COLOURS[kind], label=LABELS[kind])
+        axes.fill_between(
+            x,
+            [one.recall_ci[0] for _, one in chosen],
+            [one.recall_ci[1] for _, one in chosen],
+            color=COLOURS[kind],
+            alpha=0.15,
+        )
+        if panel == "margin":
+            rate = [one.false_alarms / max(one.clear_minutes, 1e-9) for _, one in chosen]
+            axes.plot(x, np.array(rate) / 20.0, ":", color=COLOURS[kind], lw=1)
+    if panel == "margin":
+        axes.plot([], [], ":", color="#555", label="false alarms / 20 a minute")
+    if panel in ("rays", "resolution"):
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(x, [f"{at:g}" for at in x], fontsize=7)
+    axes.set(xlabel=label, ylabel="reported in time", ylim=(-0.02, 1.02), title=f"{walls} walls")
+    _finish(axes)
+
+
+def _finish(axes: Axes) -> None:
+    axes.grid(alpha=0.25, axis="y")
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,163 @@
+"""The study of representations as tables: Markdown for people, CSV with every event and every case."""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from zebrat_bullet.detection.summary import (
+    PAPER_COUNTS,
+    Results,
+    base_tallies,
+    recommended_margins,
+    relative_difference,
+    summarise,
+)
+
+LABELS = {"sr": "SR", "firect": "FIRect", "fifr": "FIFR", "cloud": "cloud"}
+
+
+def study_text(results: Results) -> str:
+    """Return all tables of a study."""
+    kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
+    parts = []
+    for walls in kinds_of_walls:
+        parts += [f"**{walls} walls**", counts_table(results, walls)]
+        if recommended_margins(results, walls):
+            parts.append(margins_table(results, walls))
+    if "ghost" in kinds_of_walls:
+        parts.append(paper_table(results, "ghost"))
+    return "\n\n".join(parts)
+
+
+def counts_table(results: Results, walls: str) -> str:
+    """Return the base case of each representation: what it reported, when, and what it missed."""
+    rows = []
+    for kind, tally in base_tallies(results, walls).items():
+        at = summarise(tally)
+        low, high = at.recall_ci
+        rows.append(
+            (
+                LABELS[kind],
+                f"{at.in_time} of {at.contacts}",
+                f"{at.recall:.1%} ({low:.1%}-{high:.1%})",
+                f"{at.within_1_s}",
+                f"{at.contacts - at.within_1_s}",
+                f"{at.overlap_reports} of {at.overlap_sweeps}",
+                f"{at.false_alarms} in {at.clear_minutes:.0f} min",
+                "-" if at.precision is None else f"{at.precision:.1%}",
+                "-" if at.lead_s is None else f"{at.lead_s:+.2f} s",
+            )
+        )
+    return _markdown(
+        (
+            "representation",
+            "contacts reported in time",
+            "recall (95 %)",
+            "within 1 s",
+            "missed",
+            "sweeps in collision reported",
+            "false alarms",
+            "precision",
+            "median lead",
+        ),
+        rows,
+    )
+
+
+def margins_table(results: Results, walls: str) -> str:
+    """Return the margin recommended for each representation."""
+    rows = [
+        (
+            LABELS[kind],
+            f"{margin * 100:.2f} cm",
+            f"{at.recall:.2%} ({at.recall_ci[0]:.1%}-{at.recall_ci[1]:.1%})",
+            f"{at.false_alarms} in {at.clear_minutes:.0f} min",
+            "-" if at.precision is None else f"{at.precision:.1%}",
+        )
+        for kind, (margin, at) in recommended_margins(results, walls).items()
+    ]
+    return _markdown(("representation", "margin for 99.9 %", "recall (95 %)", "false alarms", "precision"), rows)
+
+
+def paper_table(results: Results, walls: str) -> str:
+    """Return the paper's counts beside ours: relative to the safety region, with 95 % bootstrap intervals."""
+    tallies = base_tallies(results, walls)
+    rows = []
+    for kind, count in PAPER_COUNTS.items():
+        at = summarise(tallies[kind])
+        row = [LABELS[kind], f"{count} ({count / PAPER_COUNTS['sr'] - 1:+.1%})"]
+        for name in ("in_time", "within_1_s", "overlap_reports"):
+            difference, low, high = relative_difference(tallies[kind], tallies["sr"], name)
+            interval = "" if kind == "sr" else f" {low:+.1%} to {high:+.1%}"
+            row.append(f"{getattr(at, name)} ({difference:+.1%}{interval and ';' + interval})")
+        rows.append(row)
+    return _markdown(
+        ("representation", "paper", "ours: contacts in time", "ours: contacts within 1 s", "ours: sweeps in collision"),
+        rows,
+    )
+
+
+def posts_table(posts: Mapping[str, Results]) -> str:
+    """Return the share of contacts with thin round posts that is reported in time, by diameter and number of rays."""
+    columns: dict[str, dict[str, str]] = {}
+    for field, results in posts.items():
+        for (walls, case), tally in results.items():
+            what, at = case.representation, summarise(tally)
+            rays = "" if what.kind == "cloud" else f" {what.n_rays}"
+            column = columns.setdefault(f"{LABELS[what.kind]}{rays}, {walls}", {})
+            column[field] = f"{at.recall:.0%} ({at.recall_ci[0]:.0%}-{at.recall_ci[1]:.0%})"
+    head = ("representation, walls", *(f"{float(field.split('-')[1]) * 100:g} cm" for field in posts))
+    return _markdown(head, [(name, *(column.get(field, "-") for field in posts)) for name, column in columns.items()])
+
+
+def write_events(results: Results, path: Path) -> None:
+    """Write one row a contact: where and how it happened, and what each base case made of it (CSV)."""
+    kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
+    with path.open("w", newline="") as file:
+        writer: csv.DictWriter[str] | None = None
+        for walls in kinds_of_walls:
+            tallies = base_tallies(results, walls)
+            for e, event in enumerate(next(iter(tallies.values())).events):
+                row = {name: _rounded(value) for name, value in asdict(event).items()}
+                for kind, tally in tallies.items():
+                    row[f"{kind}_in_time"] = int(tally.in_time[e])
+                    row[f"{kind}_lead_s"] = "" if np.isnan(tally.lead_s[e]) else _rounded(tally.lead_s[e])
+                if writer is None:
+                    writer = csv.DictWriter(file, list(row))
+                    writer.writeheader()
+                writer.writerow(row)
+
+
+def write_cases(results: Results, path: Path) -> None:
+    """Write one row a case and kind of walls (CSV)."""
+    with path.open("w", newline="") as file:
+        writer: csv.DictWriter[str] | None = None
+        for (walls, case), tally in results.items():
+            what, at = case.representation, asdict(summarise(tally))
+            low, high = at.pop("recall_ci")
+            row: dict[str, object] = {
+                "walls": walls,
+                "panel": case.panel,
+                "setting": case.setting,
+                "representation": what.kind,
+            }
+            row |= {"rays": what.n_rays, "margin_m": what.margin_m, "recall_low": low, "recall_high": high} | at
+            line = {name: _rounded(value) for name, value in row.items()}
+            if writer is None:
+                writer = csv.DictWriter(file, list(line))
+                writer.writeheader()
+            writer.writerow(line)
+
+
+def _rounded(value: object) -> object:
+    if value is None:
+        return ""
+    return round(float(value), 4) if isinstance(value, float | np.floating) else value
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
