@@ -13,7 +13,7 @@ from zebrat_bullet.agents.human import HumanLikeAgent, HumanNoise
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
 from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.records import load_record, save_record
-from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.cloning import CloneConfig, clone
 from zebrat_bullet.training.demonstrations import (
@@ -110,6 +110,21 @@ def test_a_pair_is_what_the_driver_saw_and_did(demonstrations, track_2):
     for t in (0, 1, 30):  # the policy that was recorded gives the recorded action for the encoded observation
         assert agent.action(pairs.observations[t]) * 0.6 == pytest.approx(record.command[t], abs=1e-5)
     assert pairs.observations[0, -2:].tolist() == [0.0, 0.0]
+
+
+def test_a_compact_record_has_all_but_the_scans_and_its_replay_has_these_too(demonstrations, track_2, tmp_path):
+    demonstrate(load_agent("shipped", TASK), ["track_2"], 1, tmp_path / "compact", TASK, compact=True)
+    (path,) = (tmp_path / "compact").rglob("*.npz")
+    whole = demonstrations / path.relative_to(tmp_path / "compact")
+    assert path.stat().st_size < whole.stat().st_size / 4
+    (compact,), one = load_demonstrations(tmp_path / "compact"), load_record(whole)
+    observation = observation_of(one)
+    pairs = encode_pairs([compact], observation)
+    assert np.array_equal(
+        pairs.observations, encode_pairs(load_demonstrations(demonstrations)[:1], observation).observations
+    )
+    again = replay_episode(track_2, compact.record, load_world("track_2"))
+    assert np.array_equal(again.scan_m, one.scan_m)
 
 
 def test_failures_are_kept_but_copied_only_with_an_experts_labels(track_2, tmp_path):

@@ -242,6 +242,7 @@ def demonstrate(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
             out,
             task,
             arguments.seed,
+            arguments.compact,
             lambda n: bar.update(shown, completed=n),
         )
     text = f"{done['pairs']} pairs from {done['successes']} of {done['episodes']} episodes, which succeeded: {out}"
@@ -433,9 +434,10 @@ def _parser() -> argparse.ArgumentParser:
         "--pairs", type=int, default=10_000, help="steps of successful episodes to record (default 10000)"
     )
     made.add_argument("--human-noise", action="store_true", help="act late, steer unsteadily, change speed gently")
+    made.add_argument("--compact", action="store_true", help="leave the 360-range scans out: a sixth of the size")
 
     made = command(imitate)
-    made.add_argument("--demonstrations", default="demonstrations/shipped", metavar="FOLDER", help="episode records")
+    made.add_argument("--demonstrations", default="demonstrations/oracle", metavar="FOLDER", help="episode records")
     made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
     made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
     made.add_argument(

@@ -42,7 +42,8 @@ class Hub:
 
     def drives(self, seat: str) -> bool:
         """Return whether this seat is the driver's."""
-        return next(iter(self._seats), None) == seat
+        with self._changed:
+            return next(iter(self._seats), None) == seat
 
     def press(self, seat: str, keys: Iterable[str], restart: bool) -> bool:
         """Take the state of all keys and whether R was struck; False, and nothing taken, from a seat that watches."""

@@ -76,18 +76,18 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Take {"seat": name, "keys": [...], "restart": bool}; 409 from a tab that only watches."""
-        length = int(self.headers.get("Content-Length", MAX_BODY + 1))
-        if self.path != "/keys" or length > MAX_BODY:
+        length = self.headers.get("Content-Length", "")
+        if self.path != "/keys" or not length.isdecimal() or int(length) > MAX_BODY:
             self.close_connection = True
             self._answer(400, "text/plain", b"post a short key state to /keys")
             return
         try:
-            state = json.loads(self.rfile.read(length))
+            state = json.loads(self.rfile.read(int(length)))
             taken = self.server.hub.press(state["seat"], map(str, state["keys"]), bool(state["restart"]))
         except (ValueError, KeyError, TypeError):
             self._answer(400, "text/plain", b"a key state has seat, keys and restart")
             return
-        self._answer(204 if taken else 409, "text/plain", b"")
+        self._answer(200 if taken else 409, "text/plain", b"")
 
     def log_message(self, format: str, *args: object) -> None:
         """Say nothing: ten requests a second would hide everything else."""

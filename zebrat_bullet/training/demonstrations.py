@@ -6,7 +6,7 @@ record may lie `NAME.labels.npy`, (T, 2) float64, m/s and rad: what an expert wo
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,7 @@ def demonstrate(
     folder: Path,
     task: TaskConfig,
     seed: int = 0,
+    compact: bool = False,
     on_pairs: Callable[[int], None] = lambda n_pairs: None,
 ) -> dict[str, int]:
     """Let an agent drive, world after world, until its successful episodes hold enough pairs; keep every record.
@@ -67,6 +68,8 @@ def demonstrate(
         folder: where the records go; must be empty or absent.
         task: the task driven.
         seed: of the start poses and the agent.
+        compact: leave the scans out (`scan_m` then has no columns), which are five sixths of a record; imitation needs
+            `obs_m` alone, and a replay drives the scans again.
         on_pairs: told after each episode how many pairs there are.
 
     Returns:
@@ -89,7 +92,8 @@ def demonstrate(
     while done["pairs"] < n_pairs:
         round_, i = divmod(done["episodes"], len(worlds))
         record = run_episode(drive, agent, seed, round_, loaded[i])
-        save_record(record, record_path(folder, worlds[i], round_))
+        kept = replace(record, scan_m=record.scan_m[:, :0]) if compact else record
+        save_record(kept, record_path(folder, worlds[i], round_))
         success = record.outcome == "success"
         failures = 0 if success else failures + 1
         done["episodes"] += 1
