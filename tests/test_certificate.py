@@ -160,5 +160,5 @@ def test_the_command_writes_what_it_could_certify_and_says_what_not(tmp_path: Pa
     command = [zebrat, "worlds", "real_1", narrow, "--certify", tmp_path / "proofs"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert [path.name for path in (tmp_path / "proofs").iterdir()] == ["real_1.json"]
-    assert "narrow: not certified: no drive from" in printed
+    assert "narrow: not certified: found no drive from" in printed
     assert "real_1: 6.2 m with 0 reversals lead out" in printed

@@ -101,7 +101,9 @@ def test_a_path_is_drivable_and_keeps_its_margin(robot: RobotModel) -> None:
 
 def test_a_car_that_must_leave_forward_side_first_turns_round_with_one_reversal(robot: RobotModel) -> None:
     # The exit lies behind the car, and too far to reverse to at twice the price.
-    walls = shapely.union_all([shapely.box(2, -1.1, 2.1, 1.1), shapely.box(-8, 1, 2, 1.1), shapely.box(-8, -1.1, 2, -1)])
+    walls = shapely.union_all(
+        [shapely.box(2, -1.1, 2.1, 1.1), shapely.box(-8, 1, 2, 1.1), shapely.box(-8, -1.1, 2, -1)]
+    )
     plan = plan_path(shapely.MultiPolygon([walls]), robot, ORIGIN, np.array([-10.0, 0.0]))
     assert plan.path.n_reversals == 1
     assert plan.path.directions[-1] == 1
@@ -135,10 +137,16 @@ def test_a_start_nearer_to_a_wall_than_the_margin_is_left(robot: RobotModel) -> 
     assert clearances(poses[220:], robot, walls).min() > 0.07
 
 
-def test_where_there_is_no_way_the_error_says_how_near_it_came(robot: RobotModel) -> None:
+def test_where_there_is_no_way_the_error_says_what_was_asked(robot: RobotModel) -> None:
     walls = corridor(0.75, (-1.2, 0.0), (3.0, 0.0), (3.0, 4.0))
-    with pytest.raises(PlanError, match=r"0\.01 m from the walls; the nearest came within 4\.\d\d m"):
+    with pytest.raises(PlanError, match=r"\(3\.00, 4\.80\) that keeps 0\.01 m from the walls; widen"):
         plan_path(walls, robot, ORIGIN, np.array([3.0, 4.8]))
+
+
+def test_a_car_at_its_goal_has_nowhere_to_go(robot: RobotModel) -> None:
+    plan = plan_path(corridor(1.2, (-1.0, 0.0), (5.0, 0.0)), robot, ORIGIN, np.array([0.5, 0.0]))
+    assert plan.path.poses_world == pytest.approx(np.array([(-0.271, 0.0, 0.0)]))
+    assert plan.path.n_reversals == 0 and plan.path.lengths_m.sum() == 0.0
 
 
 def test_a_car_in_a_wall_is_refused(robot: RobotModel) -> None:

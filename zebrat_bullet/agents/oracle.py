@@ -79,6 +79,7 @@ class OracleAgent:
 
 def _run_out(path: ArcPath) -> ArcPath:
     """Return the path with a straight in its last direction added."""
-    end, direction = path.poses_world[-1], path.directions[-1]
+    end = path.poses_world[-1]
+    direction = path.directions[-1] if len(path.directions) else 1
     step = direction * _RUN_OUT_M * np.array([np.cos(end[2]), np.sin(end[2]), 0.0])
     return ArcPath(np.vstack([path.poses_world, end + step]), np.append(path.directions, direction))

@@ -107,3 +107,9 @@ def sweep_factor(robot: RobotModel, curvature: float) -> float:
     """Return how many metres the fastest point of the footprint moves for a metre of the rear axle on an arc."""
     x, y = (robot.footprint_base - (robot.rear_axle_x_m, 0.0)).T
     return float(np.hypot(1.0 + abs(curvature) * np.abs(y), curvature * x).max())
+
+
+def held_radius_m(robot: RobotModel, point_base: NDArray[np.float64]) -> float:
+    """Return the radius of the largest disc about a (2,) point that the footprint holds; 0 for a point outside it."""
+    footprint, point = shapely.Polygon(robot.footprint_base), shapely.Point(point_base)
+    return float(footprint.exterior.distance(point)) if footprint.contains(point) else 0.0

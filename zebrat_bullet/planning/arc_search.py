@@ -62,7 +62,6 @@ class Found(NamedTuple):
         poses: (N, 3) float64, rear axle.
         parents: (N,) int64; moves: (N,) int64, which arc; directions: (N,) int64, 1 or -1. The root is the first.
         last: the pose at the goal; -1 if none was reached.
-        nearest_m: least distance of the lidar from the goal.
     """
 
     poses: NDArray[np.float64]
@@ -70,7 +69,6 @@ class Found(NamedTuple):
     moves: NDArray[np.int64]
     directions: NDArray[np.int64]
     last: int
-    nearest_m: float
 
 
 @numba.njit(cache=True)
@@ -121,15 +119,13 @@ def search(
     xs, ys, yaws = [start[0]], [start[1]], [start[2]]
     costs, parents, taken, directions = [0.0], [-1], [len(moves.curvatures) // 2], [0]
     heap = [(0.0, 0)]
-    last, nearest = -1, np.inf
+    last = -1
     while heap and len(xs) < max_nodes:
         _, i = heappop(heap)
         key = _key(field, n_yaw, xs[i], ys[i], yaws[i], directions[i])
         if i > 0 and costs[i] > best[key] + 1e-4:
             continue
-        away = _lidar_to_goal(goal, xs[i], ys[i], yaws[i])
-        nearest = min(nearest, away)
-        if away < goal.radius_m:
+        if _lidar_to_goal(goal, xs[i], ys[i], yaws[i]) < goal.radius_m:
             last = i
             break
         check = leaving_outline if costs[i] < leaving_m else outline
@@ -152,7 +148,7 @@ def search(
                 directions.append(direction)
                 heappush(heap, (cost + _rest(field, goal, x, y), len(xs) - 1))
     poses = np.stack((np.array(xs), np.array(ys), np.array(yaws)), axis=1)
-    return Found(poses, np.array(parents), np.array(taken), np.array(directions), last, nearest)
+    return Found(poses, np.array(parents), np.array(taken), np.array(directions), last)
 
 
 @numba.njit(cache=True)

@@ -5,6 +5,7 @@ stays. What remains to the goal is estimated by Dijkstra's distance over the cel
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ConfigError, PlanError
-from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
+from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, held_radius_m, sweep_factor
 from zebrat_bullet.planning.arc_search import Field, Found, Goal, Moves, distances_to, search
 from zebrat_bullet.planning.footprint_check import WallIndex, index_walls, outline_about_axle
 from zebrat_bullet.planning.grid import OccupancyGrid
@@ -44,7 +45,7 @@ class HybridAStarConfig:
         steering_cost: of each radian of change in steering.
         margins_m: clearances tried in turn, the widest first.
         goal_radius_m: how near to the goal the lidar must come.
-        max_nodes: the search gives up after so many.
+        max_nodes: the search for one margin gives up after so many.
     """
 
     max_steering_rad: float = 0.6
@@ -57,7 +58,7 @@ class HybridAStarConfig:
     steering_cost: float = 0.1
     margins_m: tuple[float, ...] = (0.08, 0.05, 0.03, 0.01)
     goal_radius_m: float = 0.3
-    max_nodes: int = 5_000_000
+    max_nodes: int = 2_000_000
 
     def __post_init__(self) -> None:
         if not (self.arc_m > 0 and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
@@ -109,49 +110,60 @@ def plan_path(
         config: the search; its defaults if None.
 
     Raises:
-        PlanError: neither the search nor a finer one found any with the least margin; the message says how near to the
-            goal it came.
+        PlanError: the car touches a wall where it starts, or neither the search nor a finer one found any drive with
+            the least margin.
     """
     config = config or HybridAStarConfig()
     axle = axle_pose(start, robot)
     start_clearance = float(clearances(axle[None], robot, walls)[0])
     if start_clearance == 0.0:
         raise PlanError(f"the car touches a wall where it starts, at ({start.x:.2f}, {start.y:.2f}); move it")
-    index = index_walls(walls, robot, max(config.margins_m))
-    nearest = math.inf
-    roomy = [margin for margin in config.margins_m if margin >= _TIGHT_M]
-    for searched, margins in ((config, roomy), (config.finer(), config.margins_m)):
-        field = _field(walls, robot, axle, goal_world, searched)
-        best: Plan | None = None
-        for margin in margins:
-            if best is not None and (best.path.n_reversals == 0 or margin < _TIGHT_M):
-                break
-            found = _search(axle, goal_world, field, index, robot, margin, start_clearance, searched)
-            nearest = min(nearest, found.nearest_m)
-            if found.last >= 0 and (best is None or _path(found).n_reversals < best.path.n_reversals):
-                best = Plan(_path(found), margin)
-        if best is not None:
-            return best
-    raise PlanError(
-        f"no drive from ({start.x:.2f}, {start.y:.2f}) to ({goal_world[0]:.2f}, {goal_world[1]:.2f}) keeps "
-        f"{min(config.margins_m)} m from the walls; the nearest came within {nearest:.2f} m; widen the passage"
-    )
+    room = _Room(walls, index_walls(walls, robot, max(config.margins_m)), robot, axle, start_clearance, goal_world)
+    wide = [margin for margin in config.margins_m if margin >= _TIGHT_M]
+    best = _widest(room, config, wide)
+    if best is not None:
+        return best
+    # What the least margin does not find, wider ones hardly ever do, and a search in vain is the longest.
+    least = min(config.margins_m)
+    found = _search(room, config.finer(), least)
+    if found.last < 0:
+        raise PlanError(
+            f"found no drive from ({start.x:.2f}, {start.y:.2f}) to ({goal_world[0]:.2f}, {goal_world[1]:.2f}) that "
+            f"keeps {least} m from the walls; widen the passage or allow a smaller margin"
+        )
+    return _widest(room, config.finer(), config.margins_m) or Plan(_path(found), least)
 
 
-def _search(
-    axle: NDArray[np.float64],
-    goal_world: NDArray[np.float64],
-    field: Field,
-    index: WallIndex,
-    robot: RobotModel,
-    margin_m: float,
-    start_clearance_m: float,
-    config: HybridAStarConfig,
-) -> Found:
+@dataclass(frozen=True)
+class _Room:
+    """What all searches of one plan have in common; `axle` is where the rear axle starts."""
+
+    walls: shapely.MultiPolygon
+    index: WallIndex
+    robot: RobotModel
+    axle: NDArray[np.float64]
+    start_clearance_m: float
+    goal_world: NDArray[np.float64]
+
+
+def _widest(room: _Room, config: HybridAStarConfig, margins_m: Sequence[float]) -> Plan | None:
+    """Return the plan that `Plan.margin_m` describes, None where no margin has one."""
+    best: Plan | None = None
+    for margin in margins_m:
+        if best is not None and (best.path.n_reversals == 0 or margin < _TIGHT_M):
+            break
+        found = _search(room, config, margin)
+        if found.last >= 0 and (best is None or _path(found).n_reversals < best.path.n_reversals):
+            best = Plan(_path(found), margin)
+    return best
+
+
+def _search(room: _Room, config: HybridAStarConfig, margin_m: float) -> Found:
+    robot, goal_world = room.robot, room.goal_world
     lidar = robot.lidar_xyz_base[:2] - (robot.rear_axle_x_m, 0.0)
     goal = Goal(float(goal_world[0]), float(goal_world[1]), config.goal_radius_m, float(lidar[0]), float(lidar[1]))
     # The corner of an enlarged outline stands out by more than the margin: 0.7 keeps it off the walls.
-    leaving_m = min(margin_m, 0.7 * start_clearance_m)
+    leaving_m = min(margin_m, 0.7 * room.start_clearance_m)
     steering = np.linspace(-config.max_steering_rad, config.max_steering_rad, config.n_steering)
     curvatures = np.tan(steering) / robot.wheelbase_m
     # Between two checks no point of the footprint moves further than the margin from both.
@@ -159,12 +171,12 @@ def _search(
     n_checks = math.ceil(config.arc_m / spacing)
     costs = config.reverse_cost, config.reversal_cost, config.steering_cost
     return search(
-        axle,
+        room.axle,
         goal,
-        field,
+        _field(room, config),
         config.n_yaw,
         Moves(steering, curvatures, config.arc_m, n_checks, *costs),
-        index,
+        room.index,
         outline_about_axle(robot, margin_m),
         outline_about_axle(robot, leaving_m),
         _LEAVE_START_M,
@@ -172,22 +184,15 @@ def _search(
     )
 
 
-def _field(
-    walls: shapely.MultiPolygon,
-    robot: RobotModel,
-    axle: NDArray[np.float64],
-    goal_world: NDArray[np.float64],
-    config: HybridAStarConfig,
-) -> Field:
+def _field(room: _Room, config: HybridAStarConfig) -> Field:
     """Return every cell's distance to the goal, and which cells are worth a visit."""
-    grid = OccupancyGrid.of_walls(walls, config.cell_m, _PADDING_M, [axle[:2], goal_world])
-    footprint = shapely.Polygon(robot.footprint_base)
-    inscribed = footprint.exterior.distance(shapely.Point(robot.rear_axle_x_m, 0.0))
+    grid = OccupancyGrid.of_walls(room.walls, config.cell_m, _PADDING_M, [room.axle[:2], room.goal_world])
     # From centre to centre of two cells, while axle and wall may each be half a diagonal nearer.
-    free = grid.distance_m > inscribed - math.sqrt(2.0) * config.cell_m
-    row, column = grid.cells_of(goal_world)
+    nearest = held_radius_m(room.robot, np.array([room.robot.rear_axle_x_m, 0.0])) - math.sqrt(2.0) * config.cell_m
+    free = ~grid.occupied & (grid.distance_m > nearest)
+    row, column = grid.cells_of(room.goal_world)
     to_goal = distances_to(free, row, column, config.cell_m)
-    here = to_goal[tuple(grid.cells_of(axle[:2]))]
+    here = to_goal[tuple(grid.cells_of(room.axle[:2]))]
     worth = to_goal <= here + _DETOUR_M if math.isfinite(here) else np.isfinite(to_goal)
     ids = np.where(worth, np.cumsum(worth).reshape(worth.shape) - 1, -1)
     x, y = grid.origin_world.tolist()
@@ -205,5 +210,5 @@ def _path(found: Found) -> ArcPath:
         same = found.moves[node] == found.moves[after] and found.directions[node] == found.directions[after]
         if not same or abs(found.poses[after, 2] - found.poses[kept[-1], 2]) > math.pi / 2.0:
             kept.append(node)
-    kept.append(nodes[-1])
+    kept += nodes[1:][-1:]
     return ArcPath(found.poses[kept], found.directions[kept[1:]])
