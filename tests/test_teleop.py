@@ -219,7 +219,7 @@ def test_space_stops_the_car_though_a_drive_key_is_held(browser, shared):
     page.hold("w")
     eventually(lambda: page.number("speed") > 0.5)
     page.hold(Keys.SPACE)
-    eventually(lambda: abs(page.number("speed")) < 0.02, 1.5)
+    eventually(lambda: abs(page.number("speed")) < 0.02)
     page.release(Keys.SPACE, "w")
 
 
@@ -305,10 +305,12 @@ def test_the_car_stops_half_a_second_after_the_last_that_was_heard_of_the_keys(t
     tab.press(restart=True)
     eventually(lambda: tab.event()["view"]["phase"] == "ready")
     assert tab.press("forward") == 200
-    views = [tab.event()["view"] for _ in range(10)]
-    speeds = [view["speed_mps"] for view in views if view["phase"] == "driving" and view["time_s"] > 0.0]
-    assert max(speeds) > 0.5  # one key state counts for 0.5 s, two to three control steps
-    assert speeds[5:] == pytest.approx([0.0] * len(speeds[5:]), abs=0.02)
+    speeds = {}
+    while max(speeds, default=0.0) < 1.2:
+        view = tab.event()["view"]
+        speeds[view["time_s"]] = view["speed_mps"]
+    assert max(speeds.values()) > 0.2  # one key state counts for two control steps, one on a busy machine
+    assert speeds[1.2] == pytest.approx(0.0, abs=0.02)
 
 
 def test_only_the_drivers_seat_is_obeyed_and_nonsense_is_refused(tab, shared):
