@@ -31,7 +31,7 @@ class PathTracker:
     taken as the mean over what will be driven under the command, which begins to act a steering lag after it is given.
 
     Args:
-        path: what to follow.
+        path: what to follow, of at least one arc.
         robot: the car.
         physics: limits and duration of a command.
     """
