@@ -1,6 +1,7 @@
 """DWA: each critic against numbers worked out by hand, and the planner where its users say it does well or badly."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, Task
 from zebrat_bullet.errors import ConfigError, PlanError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.evaluation.rollout import run_episode
-from zebrat_bullet.planning.dwa import DwaConfig, DwaPlanner, critics, rollouts
+from zebrat_bullet.planning.dwa import TUNED, DwaConfig, DwaPlanner, critics, rollouts
 from zebrat_bullet.planning.dwa.planner import in_window, pruned
 from zebrat_bullet.planning.grid import OccupancyGrid
 from zebrat_bullet.robot import RobotModel
@@ -154,6 +155,8 @@ def test_the_agent_takes_settings_in_its_name() -> None:
     assert agent.privileged == {"pose", "map", "goal"}
     with pytest.raises(ConfigError, match="cannot set 'radius=1': write key=value with a key of inflation_radius_m"):
         load_agent("dwa:radius=1", TASK)
+    tuned = load_agent("dwa_tuned:sim_time_s=2", TASK)
+    assert isinstance(tuned, DwaAgent) and tuned.config == replace(TUNED, sim_time_s=2.0)
     with pytest.raises(ConfigError, match="sim_time_s must be above 0, got -1"):
         load_agent("dwa:sim_time_s=-1", TASK)
 
@@ -199,6 +202,12 @@ def test_a_wide_right_angle_is_driven() -> None:
     assert np.linalg.norm(record.pose[-1, :2] - (5.0, 5.5)) < 0.25
 
 
+def test_in_a_u_turn_the_settings_of_ros_stop_the_car_short_of_the_wall() -> None:
+    world = load_world("track_3")
+    record = drive(world, tuple(world.waypoints[-1]))
+    assert record.outcome == "stall" and record.min_gap_m > 0.05
+
+
 def test_a_goal_behind_in_a_dead_end_leaves_the_car_standing_not_crashed() -> None:
     # The car faces the dead end, the goal lies behind it; there is no room to turn and no reverse.
     record = drive(box_world(*CORRIDOR), (0.0, 0.0), start=Pose2(6.0, 0.0, 0.0))
@@ -217,8 +226,6 @@ def test_a_goal_behind_walls_is_no_plan() -> None:
 
 
 def test_planning_a_step_takes_less_than_20_ms(robot: RobotModel) -> None:
-    import time
-
     grid = OccupancyGrid.of_walls(
         shapely.MultiPolygon([shapely.box(*(x[0], y[0], x[1], y[1])) for x, y, _ in CORRIDOR])
     )

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from zebrat_bullet.errors import ConfigError
 
+PRUNE_M = 1.0
+"""The path begins at its first point within this distance of the car, as in ROS."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DwaConfig:
@@ -55,20 +58,18 @@ class DwaConfig:
     xy_goal_tolerance_m: float = 0.1
 
     def __post_init__(self) -> None:
-        positive = ("resolution_m", "window_m", "sim_time_s", "sim_granularity_m", "angular_sim_granularity_rad")
+        positive = ("resolution_m", "sim_time_s", "sim_granularity_m", "angular_sim_granularity_rad")
         limits = ("inflation_radius_m", "acc_lim_x", "acc_lim_theta", "max_vel_theta")
         prices = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
         for name in (*positive, *limits, *prices):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")
+        if self.window_m <= 2 * PRUNE_M:
+            raise ConfigError(f"window_m must be above {2 * PRUNE_M:g} to hold some path, got {self.window_m}")
         for name in ("vx_samples", "vtheta_samples"):
             if getattr(self, name) < 2:
                 raise ConfigError(f"{name} must be at least 2, got {getattr(self, name)}")
 
 
-TUNED = DwaConfig(sim_time_s=3.0, vx_samples=10, occdist_scale=0.05, max_scaling_factor=0.0)
-"""Tuned on `big_track` alone, without reverse: there ROS's own settings stop in every U-turn, these do not.
-
-The longer rollout sees the far wall before the car has turned in; the dearer obstacle cost then keeps it off the inner
-one; speeds finer than 0.25 m/s let it creep where no faster rollout is free.
-"""
+TUNED = DwaConfig(sim_time_s=3.0, vx_samples=10, occdist_scale=0.05)
+"""Tuned on `big_track` alone, without reverse: ROS's own settings stop in its U-turn, these drive through."""

@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.planning.dwa import critics, rollouts
-from zebrat_bullet.planning.dwa.config import DwaConfig
+from zebrat_bullet.planning.dwa.config import PRUNE_M, DwaConfig
 from zebrat_bullet.planning.grid import OccupancyGrid, inflate, inscribed_radius_m
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command, Pose2, RobotState
-
-_PRUNE_M = 1.0
 
 
 class DwaPlanner:
@@ -47,13 +45,13 @@ class DwaPlanner:
         self._oscillation.forget()
 
     def command(self, state: RobotState) -> Command | None:
-        """Return the command of the cheapest rollout, or None where every rollout is refused or the path is lost."""
+        """Return the command of the cheapest rollout, or None where all are refused or path or map are left."""
         at = np.array([state.pose.x, state.pose.y])
         self.path = pruned(self.path, at)
         samples = rollouts.velocity_window(
             state.speed_mps, state.yaw_rate_radps, self.config, self._limits, self._min_radius_m
         )
-        if not len(self.path) or not len(samples):
+        if not len(self.path) or not len(samples) or not self._grid.contains(self._grid.cells_of(at)):
             return None
         total = np.sum(list(self.prices(state.pose, samples).values()), axis=0)
         best = int(np.argmin(total))
@@ -61,7 +59,7 @@ class DwaPlanner:
             return None
         v, w = map(float, samples[best])
         self._oscillation.note(state.pose, v, w)
-        return Command(v, math.atan(self._robot.wheelbase_m * w / v))
+        return Command(v, math.atan(self._robot.wheelbase_m * w / v) if v else 0.0)
 
     def prices(self, pose: Pose2, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Return the (K,) price of each critic for the rollouts of (K, 2) samples v, w; inf refuses a rollout."""
@@ -106,7 +104,7 @@ class DwaPlanner:
 
 def pruned(path: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rest of an (N, 2) path from its first point within 1 m of (2,) `at`; nothing where none is so near."""
-    near = np.flatnonzero(np.linalg.norm(path - at, axis=1) < _PRUNE_M)
+    near = np.flatnonzero(np.linalg.norm(path - at, axis=1) < PRUNE_M)
     return path[near[0] :] if len(near) else path[:0]
 
 
