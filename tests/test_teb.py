@@ -1,14 +1,21 @@
 """TEB: each cost term against numbers worked out by hand, derivatives against finite differences, and whole drives."""
 
 import math
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
+from boxes import Box, box_world, standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
+from zebrat_bullet.errors import ConfigError, PlanError
+from zebrat_bullet.evaluation.records import EpisodeRecord
+from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.planning.teb import costs as terms
 from zebrat_bullet.planning.teb.band import Band, begin, prune, resize
 from zebrat_bullet.planning.teb.config import TebConfig, costs_for
@@ -23,8 +30,11 @@ from zebrat_bullet.planning.teb.costs import (
 )
 from zebrat_bullet.planning.teb.global_path import GlobalPath
 from zebrat_bullet.planning.teb.optimise import Surroundings, optimise
-from zebrat_bullet.planning.teb.planner import first_velocity, steering_angle
+from zebrat_bullet.planning.teb.oscillation import Oscillation
+from zebrat_bullet.planning.teb.planner import TebPlanner, first_velocity, steering_angle, via_points, wall_segments
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.types import Pose2
 
 LIMITS = PhysicsConfig()
 RADIUS_M = 0.56 / math.tan(0.6)
@@ -327,3 +337,190 @@ def test_the_global_plan_is_cut_ahead_and_forgotten_behind() -> None:
     ahead, _ = path.ahead(np.array([7.0, 0.0]), 3.5, 0.5)
     assert ahead[[0, -1], 0] == pytest.approx([7.0, 10.0], abs=0.06)  # the goal within reach is kept
     assert path.distance_to(np.array([8.0, 0.7])) == pytest.approx(0.7)
+
+
+# --- checks and recoveries ---
+
+
+def planner_among(*boxes: tuple[float, float, float, float]) -> TebPlanner:
+    walls = shapely.MultiPolygon([shapely.box(*box) for box in boxes])
+    return TebPlanner(TebConfig(), load_robot("zebrat"), LIMITS, walls)
+
+
+def straight_path() -> GlobalPath:
+    return GlobalPath(np.column_stack([np.arange(-0.271, 12.0, 0.05), np.zeros(246)]))
+
+
+def test_walls_are_their_edges() -> None:
+    edges = wall_segments(shapely.MultiPolygon([shapely.box(0, 0, 2, 1), shapely.box(5, 5, 6, 6)]))
+    assert edges.shape == (8, 4)
+    assert np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1]).sum() == pytest.approx(6 + 4)
+
+
+def test_an_infeasible_band_stops_the_car_and_halves_the_horizon_for_a_while() -> None:
+    planner = planner_among((0.45, -0.5, 0.55, 0.5))  # a wall across the front of the car
+    command = planner.plan(standing(), straight_path(), 0.0)
+    assert (command.speed_mps, command.steering_rad) == (0.0, 0.0)
+    assert planner.band is None and planner.n_infeasible == 1
+    reach = {}
+    for time_s in (0.2, 10.2):
+        planner.band = None
+        assert planner.plan(standing(x=2.0), straight_path(), time_s).speed_mps > 0.1
+        assert planner.n_infeasible == 0
+        reach[time_s] = planner.band.poses[-1, 0] - planner.band.poses[0, 0]
+    assert reach == pytest.approx({0.2: 1.5, 10.2: 3.0}, abs=0.15)
+
+
+def test_a_wall_between_two_poses_far_apart_is_found() -> None:
+    planner = planner_among((1.0, -0.5, 1.02, 0.5))
+    leap = Band(np.array([[-0.3, 0.0, 0.0], [1.5, 0.0, 0.0]]), np.array([0.3]))
+    assert not planner.feasible(leap)
+    leap.poses[:, 1] = 1.0
+    assert planner.feasible(leap)
+
+
+def test_via_points_are_off_by_default_and_evenly_spaced_when_on() -> None:
+    local = np.column_stack([np.arange(0.0, 3.01, 0.05), np.zeros(61)])
+    assert len(via_points(local, 0.0)) == 0
+    points = via_points(local, 0.5)
+    assert len(points) == 6
+    assert np.diff(points[:, 0]) == pytest.approx(0.5, abs=0.06)
+
+
+def test_turning_to_and_fro_on_the_spot_is_held_to_one_direction_for_a_while() -> None:
+    oscillation = Oscillation(TebConfig(), 0.2)
+    for step in range(24):
+        oscillation.update(0.05, (-1.0) ** step, 0.3, 0.2 * step)
+        assert oscillation.preferred_turn(0.2 * step) == 0.0  # half of the 10 s must be known
+    oscillation.update(0.05, 1.0, 0.3, 4.8)
+    assert oscillation.preferred_turn(5.0) == 1.0
+    assert oscillation.preferred_turn(14.9) == 0.0
+    driving = Oscillation(TebConfig(), 0.2)
+    for step in range(60):
+        driving.update(0.9, (-1.0) ** step, 0.3, 0.2 * step)
+    assert driving.preferred_turn(12.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("dt_hysteresis_s=0.3", "between 0 and dt_ref_s 0.3, got 0.3"),
+        ("min_samples=2", "got 2 and 100"),
+        ("acc_lim_x_mps2=0", "acc_lim_x_mps2 must be above 0, got 0"),
+        ("no_inner_iterations=0", "no_inner_iterations must be at least 1, got 0"),
+        ("radius=1", "cannot set 'radius=1': write key=value with a key of dt_ref_s"),
+    ],
+)
+def test_settings_out_of_range_are_refused(setting: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_agent(f"teb:{setting}", TaskConfig())
+
+
+# --- drives ---
+
+TASK = TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(stall_steps=40, max_steps=200))
+
+
+def wall(x0: float, x1: float, y0: float, y1: float) -> Box:
+    return ((x0, x1), (y0, y1), (0.0, 1.0))
+
+
+def drive(boxes: tuple[Box, ...], goal: tuple[float, float], agent: str, start: Pose2 | None = None) -> EpisodeRecord:
+    """Drive one episode from the origin, or `start`, towards a goal, at which the car stops."""
+    world = box_world(*boxes)
+    begin_at = replace(world.start, pose=start or world.start.pose)
+    task_drive = Drive(TASK, replace(world, waypoints=np.array([goal]), start=begin_at))
+    try:
+        return run_episode(task_drive, load_agent(agent, TASK), 0, 0)
+    finally:
+        task_drive.close()
+
+
+def arrives(record: EpisodeRecord, goal: tuple[float, float]) -> bool:
+    """Return whether the car came to stand with its rear axle at the goal, untouched."""
+    x, y, yaw = record.pose[-1]
+    rear = np.array([x - 0.271 * math.cos(yaw), y - 0.271 * math.sin(yaw)])
+    return record.outcome == "stall" and bool(np.hypot(*(rear - goal)) < 0.2) and record.min_gap_m > 0.03
+
+
+CORRIDOR = (
+    *(wall(-1.5, 8.0, 0.6, 0.7), wall(-1.5, 8.0, -0.7, -0.6)),
+    *(wall(-1.5, -1.4, -0.7, 0.7), wall(8.0, 8.1, -0.7, 0.7)),
+)
+RIGHT_ANGLE = (  # 1.2 m wide: east along y = 0, then north along x = 4.6
+    *(wall(-1.5, 4.0, 0.6, 0.7), wall(3.9, 4.0, 0.6, 8.0), wall(-1.5, 5.3, -0.7, -0.6), wall(5.2, 5.3, -0.7, 8.0)),
+    *(wall(-1.5, -1.4, -0.6, 0.6), wall(3.9, 5.3, 8.0, 8.1)),
+)
+U_TURN = (  # 1.2 m wide round a thin wall: east along y = 0, back along y = -1.3
+    *(wall(-1.5, 4.0, -0.7, -0.6), wall(-1.5, 5.3, 0.6, 0.7), wall(5.2, 5.3, -2.0, 0.7), wall(-1.5, 5.3, -2.0, -1.9)),
+    wall(-1.5, -1.4, -1.9, 0.6),
+)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.5])
+def test_a_corridor_of_1_2_m_is_driven_in_its_middle_at_full_speed(radius: float) -> None:
+    record = drive(CORRIDOR, (6.0, 0.0), f"teb:inflation_radius_m={radius}")
+    assert arrives(record, (6.0, 0.0))
+    assert np.abs(record.pose[:, 1]).max() < 0.1
+    assert record.pose[45, 0] > 4.0  # 9 s at up to 0.6 m/s
+
+
+def test_a_right_angle_of_1_2_m_is_driven_in_one_go() -> None:
+    record = drive(RIGHT_ANGLE, (4.6, 5.0), "teb:inflation_radius_m=0.5")
+    assert arrives(record, (4.6, 5.0))
+    assert record.command[:, 0].min() >= 0.0
+
+
+def test_with_the_distance_of_the_paper_the_car_stands_to_and_fro_before_that_right_angle() -> None:
+    record = drive(RIGHT_ANGLE, (4.6, 5.0), "teb:inflation_radius_m=0.5,min_obstacle_dist_m=0.3")
+    assert record.outcome == "stall"
+    assert record.pose[-1, 1] < 1.0
+    assert (record.command[:, 0] < 0.0).sum() > 10
+
+
+def test_a_u_turn_of_1_2_m_is_driven_with_reversing() -> None:
+    record = drive(U_TURN, (1.0, -1.3), "teb:inflation_radius_m=0.5")
+    assert arrives(record, (1.0, -1.3))
+    assert record.command[:, 0].min() < 0.0
+
+
+def test_a_goal_behind_makes_the_car_turn_round_where_there_is_room() -> None:
+    room = (
+        *(wall(-1.5, 6.0, 1.2, 1.3), wall(-1.5, 6.0, -1.3, -1.2)),
+        *(wall(-1.5, -1.4, -1.2, 1.2), wall(6.0, 6.1, -1.2, 1.2)),
+    )
+    record = drive(room, (0.0, 0.0), "teb", Pose2(4.0, 0.0, 0.0))
+    assert arrives(record, (0.0, 0.0))
+    assert abs(record.pose[-1, 2]) > 2.8
+
+
+def test_a_goal_behind_in_a_dead_end_too_narrow_to_turn_is_not_reached() -> None:
+    record = drive(CORRIDOR, (0.0, 0.0), "teb", Pose2(6.0, 0.0, 0.0))
+    assert not arrives(record, (0.0, 0.0))
+    assert (record.command[:, 0] < 0.0).any()
+
+
+def test_a_goal_behind_walls_is_no_plan() -> None:
+    with pytest.raises(PlanError, match="no way from"):
+        drive(CORRIDOR, (10.0, 0.0), "teb")
+
+
+def test_the_same_start_gives_the_same_drive() -> None:
+    first, second = (drive(U_TURN, (3.0, 0.0), "teb") for _ in range(2))
+    assert np.array_equal(first.command, second.command)
+
+
+def test_a_plan_of_45_poses_among_walls_takes_less_than_40_ms() -> None:
+    walls = np.vstack([wall_segments(shapely.box(x[0], y[0], x[1], y[1])) for x, y, _ in RIGHT_ANGLE])
+    path = np.array([[x, 0.0] for x in np.arange(0, 4.6, 0.05)] + [[4.6, y] for y in np.arange(0, 3.0, 0.05)])
+    config = TebConfig(dt_ref_s=0.25)
+    costs = costs_for(config, load_robot("zebrat"), LIMITS)
+    around = Surroundings(BOX, walls, NO_POINTS, np.array([0.5, 0.0]))
+    band = optimise(begin(path, np.zeros(3), math.pi / 2, costs), around, config, costs)
+    took = []
+    for _ in range(20):
+        begin_s = time.process_time()
+        warm = optimise(band, around, config, costs)
+        took.append(time.process_time() - begin_s)
+    assert warm is not None and len(warm.poses) >= 45
+    assert np.percentile(took, 95) < 0.040

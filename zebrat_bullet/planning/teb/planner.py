@@ -1,7 +1,6 @@
 """The local planner: from pose, velocity and global plan to a command, with ROS's checks and recoveries."""
 
 import math
-from collections import deque
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +13,7 @@ from zebrat_bullet.planning.teb.band import Band, begin, prune
 from zebrat_bullet.planning.teb.config import TebConfig, costs_for
 from zebrat_bullet.planning.teb.global_path import GlobalPath
 from zebrat_bullet.planning.teb.optimise import Surroundings, optimise
+from zebrat_bullet.planning.teb.oscillation import Oscillation
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command, RobotState
 
@@ -42,7 +42,7 @@ class TebPlanner:
         self._costs = costs_for(config, robot, physics)
         self._outline = robot.footprint_base - (robot.rear_axle_x_m, 0.0)
         self._segments = wall_segments(shapely.simplify(walls, _MERGE_M))
-        self._oscillation = _Oscillation(config, physics.control_step_s)
+        self._oscillation = Oscillation(config, physics.control_step_s)
         self._shrunk_until_s = -math.inf
         self.band: Band | None = None
         self.n_infeasible = 0
@@ -57,12 +57,12 @@ class TebPlanner:
         around = Surroundings(
             outline=self._outline,
             segments=self._near(start[:2]),
-            via_points=self._via_points(local),
+            via_points=via_points(local, self._config.global_plan_viapoint_sep_m),
             velocity=np.array([state.speed_mps, state.yaw_rate_radps]),
             rotate=self._oscillation.preferred_turn(time_s),
         )
         self.band = optimise(self._warm_start(local, start, goal), around, self._config, self._costs)
-        if self.band is None or not self._feasible(self.band):
+        if self.band is None or not self.feasible(self.band):
             self.band = None
             self.n_infeasible += 1
             self._shrunk_until_s = time_s + self._config.shrink_horizon_min_duration_s
@@ -94,14 +94,7 @@ class TebPlanner:
         nearest = a + np.clip(along, 0.0, 1.0)[:, None] * (b - a)
         return self._segments[np.hypot(*(nearest - xy).T) < reach]
 
-    def _via_points(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
-        separation = self._config.global_plan_viapoint_sep_m
-        if separation <= 0.0:
-            return np.empty((0, 2))
-        length = np.append(0.0, np.cumsum(np.hypot(*np.diff(local, axis=0).T)))
-        return local[np.flatnonzero(np.diff(length // separation)) + 1]
-
-    def _feasible(self, band: Band) -> bool:
+    def feasible(self, band: Band) -> bool:
         """Return whether the exact footprint is free of walls at the first poses, and between any far apart."""
         poses = band.poses[: self._config.feasibility_check_no_poses + 1]
         inscribed = float(np.abs(self._outline[:, 1]).min())
@@ -125,35 +118,6 @@ class TebPlanner:
         )
 
 
-class _Oscillation:
-    """Finds a car that turns left and right on the spot, and then holds it to one direction for a while."""
-
-    def __init__(self, config: TebConfig, control_step_s: float) -> None:
-        self._config = config
-        self._recent: deque[tuple[float, float]] = deque(
-            maxlen=max(2, round(config.oscillation_filter_duration_s / control_step_s))
-        )
-        self._until_s, self._turn = -math.inf, 0.0
-
-    def update(self, speed: float, turning: float, yaw_rate_radps: float, time_s: float) -> None:
-        """Take in the last command as fractions of its limits."""
-        self._recent.append((speed, turning))
-        assert self._recent.maxlen is not None
-        if len(self._recent) < self._recent.maxlen // 2:
-            return
-        speeds, turnings = np.array(self._recent).T
-        eps = self._config.oscillation_eps
-        crossings = np.count_nonzero(np.diff(np.sign(turnings)))
-        if abs(speeds.mean()) < eps and abs(turnings.mean()) < eps and crossings > 1:
-            if time_s >= self._until_s:
-                self._turn = 1.0 if yaw_rate_radps > 0.0 else -1.0
-            self._until_s = time_s + self._config.oscillation_recovery_min_duration_s
-
-    def preferred_turn(self, time_s: float) -> float:
-        """Return +1 to hold on turning left, -1 right, 0 for no preference."""
-        return self._turn if time_s < self._until_s else 0.0
-
-
 def rear_axle_pose(state: RobotState, robot: RobotModel) -> NDArray[np.float64]:
     """Return (3,) float64, x, y in m and yaw in rad of the rear axle's centre in the world."""
     pose = state.pose
@@ -166,6 +130,14 @@ def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
     """Return (S, 4) float64, x and y in m of both ends of each edge of the walls."""
     rings = [np.array(ring.coords) for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(walls)))]
     return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+
+
+def via_points(local: NDArray[np.float64], separation_m: float) -> NDArray[np.float64]:
+    """Return (V, 2) points of an (M, 2) path in m, about `separation_m` apart; none for a separation of 0."""
+    if separation_m <= 0.0:
+        return np.empty((0, 2))
+    length = np.append(0.0, np.cumsum(np.hypot(*np.diff(local, axis=0).T)))
+    return local[np.flatnonzero(np.diff(length // separation_m)) + 1]
 
 
 def first_velocity(band: Band) -> tuple[float, float]:
