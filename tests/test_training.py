@@ -160,6 +160,13 @@ def test_what_cannot_be_resumed_says_why(tmp_path):
         load_checkpoint(tmp_path / "checkpoint", None)
 
 
+def test_a_lopsided_car_is_not_trained_on_mirrored_transitions(tmp_path):
+    lopsided = replace(TINY, mirror=True, task=replace(TINY.task, robot="hexagon"))
+    with pytest.raises(ConfigError, match="'hexagon' is not: set mirror=false"):
+        train(lopsided, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
     config = with_overrides(TINY, ["batch_size=128", "task.reward.log_base=2.5", "task.reward.weights.M=0"])
     assert config.batch_size == 128 and config.task.reward.log_base == 2.5 and config.task.reward.weights["M"] == 0

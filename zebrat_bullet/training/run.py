@@ -20,6 +20,7 @@ from zebrat_bullet.config import TaskConfig, from_json, to_json
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.ddpg import build_ddpg
@@ -41,10 +42,16 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
         on_progress: told after every episode.
 
     Raises:
-        ConfigError: the folder holds a run already.
+        ConfigError: the folder holds a run already, or transitions of a lopsided car would be mirrored.
     """
     if (folder / "config.json").exists():
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
+    region = make_region(load_robot(config.task.robot), config.task.region, config.task.lidar.n_bearings)
+    if config.mirror and not region.is_symmetric:
+        raise ConfigError(
+            f"mirror=true needs a car whose left is the mirror image of its right, as seen from its lidar; "
+            f"{config.task.robot!r} is not: set mirror=false"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
