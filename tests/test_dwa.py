@@ -69,11 +69,19 @@ def test_fast_cars_are_checked_with_a_larger_outline() -> None:
     assert scale.tolist() == pytest.approx([1.0, 1.0, 1.1, 1.2])
 
 
+def test_the_outline_is_padded_and_dense_and_has_its_corners() -> None:
+    points = critics.outline_points(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.01, 0.025)
+    assert np.abs(points).max(axis=0) == pytest.approx([0.21, 0.11])
+    assert np.isclose(points, (0.21, 0.11)).all(axis=1).any()
+    steps = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
+    assert steps.max() <= 0.025 and steps.sum() == pytest.approx(2 * (0.42 + 0.22))
+
+
 def test_obstacle_cost_is_the_highest_under_the_outline_and_a_wall_refuses() -> None:
     costs = np.zeros((40, 40), np.uint8)  # 2 m x 2 m
     costs[:, 30] = 80  # x in [1.5, 1.55]
     costs[:, 38] = 254  # x in [1.9, 1.95]
-    outline = critics.outline_points(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.025)
+    outline = critics.outline_points(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.025)
 
     def cost(x_end: float, scale: float = 1.0) -> float:
         way = np.array([[(x, 1.0, 0.0) for x in np.arange(0.5, x_end + 1e-6, 0.05)]])

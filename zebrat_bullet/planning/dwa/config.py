@@ -14,6 +14,7 @@ class DwaConfig:
 
     Attributes:
         inflation_radius_m, cost_scaling_factor: the costmap's inflation layer (paper: 0.3 and 0.5).
+        footprint_padding_m: how far the outline that must not meet a wall stands out of the car's.
         resolution_m, window_m: cell of the map; edge of the square local costmap about the car.
         global_planner: "dijkstra" or "astar".
         allow_reverse: sample backward speeds too.
@@ -33,6 +34,7 @@ class DwaConfig:
 
     inflation_radius_m: float = 0.5
     cost_scaling_factor: float = 10.0
+    footprint_padding_m: float = 0.01
     resolution_m: float = 0.05
     window_m: float = 6.0
     global_planner: str = "dijkstra"
@@ -71,5 +73,5 @@ class DwaConfig:
                 raise ConfigError(f"{name} must be at least 2, got {getattr(self, name)}")
 
 
-TUNED = DwaConfig(sim_time_s=3.0, vx_samples=10, occdist_scale=0.05)
+TUNED = DwaConfig(sim_time_s=3.0, vx_samples=10, occdist_scale=0.05, footprint_padding_m=0.0)
 """Tuned on `big_track` alone, without reverse: ROS's own settings stop in its U-turn, these drive through."""

@@ -19,9 +19,13 @@ def footprint_scale(speed: NDArray[np.float64], config: DwaConfig, max_speed_mps
     return 1.0 + config.max_scaling_factor * over / max(max_speed_mps - config.scaling_speed_mps, 1e-9)
 
 
-def outline_points(footprint_base: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
-    """Return (P, 2) points along a (K, 2) outline, corners among them, neighbours at most `spacing_m` apart."""
-    return shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(footprint_base), spacing_m))[:-1]
+def outline_points(footprint_base: NDArray[np.float64], padding_m: float, spacing_m: float) -> NDArray[np.float64]:
+    """Return (P, 2) points along a (K, 2) outline moved out by `padding_m`, its corners among them.
+
+    Neighbours are at most `spacing_m` apart.
+    """
+    padded = shapely.Polygon(footprint_base).buffer(padding_m, join_style="mitre")
+    return shapely.get_coordinates(shapely.segmentize(padded.exterior, spacing_m))[:-1]
 
 
 @numba.njit(cache=True)

@@ -35,7 +35,9 @@ class DwaPlanner:
         costs = inflate(grid, config.inflation_radius_m, radius_m, config.cost_scaling_factor)
         self._half = round(config.window_m / 2.0 / config.resolution_m)
         self._costs = np.pad(costs, self._half)
-        self._outline = critics.outline_points(robot.footprint_base, config.resolution_m / 2.0)
+        self._outline = critics.outline_points(
+            robot.footprint_base, config.footprint_padding_m, config.resolution_m / 2.0
+        )
         self._oscillation = critics.Oscillation(config)
         self.path = np.zeros((0, 2))
 
