@@ -8,22 +8,32 @@ All compiled functions of the band are in this file, because Numba's cache does 
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Contact = tuple[float, float, float, float, float]
 
 BANDWIDTH = 10
 _STEP = 1e-6  # of the central differences
-_compiled = njit(cache=True, error_model="numpy")
 # A wall parallel to a side is equally near to both its corners; within this many m (or m squared) their middle counts,
 # so that left and right, which are told apart by rounding alone, are treated alike.
 _TIE = 1e-9
+
+
+def _compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function, and keep the result where there is a place for it: beside this file or in the user's home."""
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # read-only installation and no home
+        return njit(error_model="numpy")(function)
 
 
 class Costs(NamedTuple):

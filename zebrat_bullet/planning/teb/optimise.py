@@ -76,9 +76,9 @@ def _levenberg_marquardt(
     cost = band_cost(unknowns, problem)
     damping, growth = 0.0, 2.0
     for _ in range(n_iterations):
-        if not np.isfinite(cost):
-            return None
         matrix, gradient = normal_equations(unknowns, problem)
+        if not (np.isfinite(cost) and np.isfinite(matrix).all()):
+            return None
         damping = damping or _FIRST_DAMPING * float(matrix[0].max())
         for _ in range(_TRIALS):
             step = _damped_step(matrix, gradient, damping)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.geometry import wrap_angle
+from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.teb.band import Band, begin, prune
 from zebrat_bullet.planning.teb.config import TebConfig, costs_for
 from zebrat_bullet.planning.teb.global_path import GlobalPath
@@ -31,8 +32,7 @@ class TebPlanner:
         walls: outlines of everything the car can hit, world frame.
 
     Attributes:
-        band: the last band; None before the first and after one that was infeasible.
-        n_infeasible: bands in a row that were infeasible or diverged.
+        band: the last band; None before the first and after one that was infeasible or diverged.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class TebPlanner:
         self._config, self._robot, self._physics, self._walls = config, robot, physics, walls
         self._costs = costs_for(config, robot, physics)
         self._outline = robot.footprint_base - (robot.rear_axle_x_m, 0.0)
+        self._inscribed_m = inscribed_radius_m(self._outline)
         self._segments = wall_segments(shapely.simplify(walls, _MERGE_M))
         self._oscillation = Oscillation(config, physics.control_step_s)
         self._shrunk_until_s = -math.inf
         self.band: Band | None = None
-        self.n_infeasible = 0
         shapely.prepare(walls)
 
     def plan(self, state: RobotState, path: GlobalPath, time_s: float) -> Command:
@@ -64,11 +64,9 @@ class TebPlanner:
         self.band = optimise(self._warm_start(local, start, goal), around, self._config, self._costs)
         if self.band is None or not self.feasible(self.band):
             self.band = None
-            self.n_infeasible += 1
             self._shrunk_until_s = time_s + self._config.shrink_horizon_min_duration_s
             self._oscillation.update(0.0, 0.0, state.yaw_rate_radps, time_s)
             return _STOP
-        self.n_infeasible = 0
         v, omega = self._saturate(*first_velocity(self.band))
         costs = self._costs
         limit = costs.max_vel_x_mps if v >= 0.0 else costs.max_vel_x_backwards_mps
@@ -97,12 +95,11 @@ class TebPlanner:
     def feasible(self, band: Band) -> bool:
         """Return whether the exact footprint is free of walls at the first poses, and between any far apart."""
         poses = band.poses[: self._config.feasibility_check_no_poses + 1]
-        inscribed = float(np.abs(self._outline[:, 1]).min())
         parts = [poses[:1]]
         for pose, following in pairwise(poses):
             step = following - pose
             step[2] = wrap_angle(step[2])
-            n = max(1, math.ceil(math.hypot(step[0], step[1]) / inscribed))
+            n = max(1, math.ceil(math.hypot(step[0], step[1]) / self._inscribed_m))
             parts.append(pose + np.arange(1, n + 1)[:, None] / n * step)
         x, y, yaw = np.vstack(parts).T[..., None]
         px, py = self._outline.T
@@ -129,7 +126,7 @@ def rear_axle_pose(state: RobotState, robot: RobotModel) -> NDArray[np.float64]:
 def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
     """Return (S, 4) float64, x and y in m of both ends of each edge of the walls."""
     rings = [np.array(ring.coords) for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(walls)))]
-    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+    return np.vstack([np.empty((0, 4)), *(np.hstack([ring[:-1], ring[1:]]) for ring in rings)])
 
 
 def via_points(local: NDArray[np.float64], separation_m: float) -> NDArray[np.float64]:
