@@ -199,16 +199,16 @@ def test_summaries_differences_and_the_recommended_margin_are_worked_out_by_hand
     assert recommended_margins(results, "ghost") == {}
 
 
-SMALL = Study(worlds=("track_2",), drivers=("random-smooth",), n_events=8, seed=1)
+SMALL = Study(worlds=("track_2",), drivers=("random-smooth",), n_events=6, seed=1)
 
 
 @pytest.mark.slow
 def test_a_study_resumes_after_a_crash_with_the_same_counts_and_reports_them(tmp_path, monkeypatch):
-    chosen = cases(["base", "margin", "rays"], Sensing(), 32, 0.0)
+    chosen = cases(["base", "rays"], Sensing(), 32, 0.0)
     said = []
     whole = run_study(SMALL, chosen, tmp_path / "whole", 2, lambda *at: said.append(at))
     kept = sorted((tmp_path / "whole" / "traces").glob("*.npz"))
-    assert len(next(iter(whole.values())).events) >= 8 and said[-1][1] == said[-1][2]
+    assert len(next(iter(whole.values())).events) >= 6 and said[-1][1] == said[-1][2]
 
     (tmp_path / "cut" / "traces").mkdir(parents=True)  # as if killed after the first file and within the second
     (tmp_path / "cut" / "traces" / kept[0].name).write_bytes(kept[0].read_bytes())
@@ -230,7 +230,7 @@ def test_a_study_resumes_after_a_crash_with_the_same_counts_and_reports_them(tmp
     assert n_in_time == next(t for (w, c), t in whole.items() if (w, c.panel) == ("ghost", "base")).in_time.sum()
     for name in ("cases.csv", "counts.png", "misses.png", "sweeps.png"):
         assert (tmp_path / "whole" / name).stat().st_size > 1000
-    film = write_misses_mp4(SMALL, whole, tmp_path / "whole")
+    film = write_misses_mp4(SMALL, whole, tmp_path / "whole", tmp_path / "film")
     assert film is not None and film.stat().st_size > 10_000
 
 

@@ -175,6 +175,7 @@ def collisions(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from zebrat_bullet.report.collision_report import write_misses_mp4, write_report
 
     out = arguments.out or Path("results") / "collisions"
+    drives = arguments.drives or out
     study = Study(
         worlds=tuple(arguments.worlds),
         drivers=tuple(arguments.drivers),
@@ -198,14 +199,14 @@ def collisions(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         def on_progress(doing: str, done: int, total: int) -> None:
             bar.update(shown, description=doing, completed=done, total=total)
 
-        results = run_study(study, chosen, out, arguments.workers, on_progress)
+        results = run_study(study, chosen, drives, arguments.workers, on_progress)
         if "posts" in arguments.panels:
             thin = cases(["base", "rays"], sensing, arguments.rays, arguments.margin)
             for field in POSTS:
                 there = replace(
                     study, worlds=(field,), drivers=("random-smooth",), n_events=max(study.n_events // 5, 1)
                 )
-                posts[field] = run_study(there, thin, out / field, arguments.workers, on_progress)
+                posts[field] = run_study(there, thin, drives / field, arguments.workers, on_progress)
     text = write_report(study, results, posts, out)
     result: dict[str, Any] = {
         "counts": summaries(results),
@@ -216,7 +217,7 @@ def collisions(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     }
     if not arguments.no_video:
         try:
-            result["video"] = str(write_misses_mp4(study, results, out))
+            result["video"] = str(write_misses_mp4(study, results, drives, out))
         except (ZebratError, OSError) as error:  # the counts are worth more than the film
             _note(arguments, f"no video: {error}")
     return result, f"{text}\n\ntables, every contact, figures and video: {out}"
@@ -468,6 +469,9 @@ def _parser() -> argparse.ArgumentParser:
         default=["margin"],
         metavar="PANEL",
         help="what else to vary: margin rays rate resolution noise caster posts (default: margin)",
+    )
+    made.add_argument(
+        "--drives", type=Path, metavar="FOLDER", help="drives of an earlier --out, to count them otherwise"
     )
     made.add_argument("--workers", type=int, help="processes (default: one a core)")
     made.add_argument("--no-video", action="store_true", help="leave out misses.mp4")

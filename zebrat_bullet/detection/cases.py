@@ -11,7 +11,7 @@ from zebrat_bullet.errors import ConfigError
 
 WATCHING = ("sr", "firect", "fifr")
 MARGINS_M = tuple(float(margin) for margin in np.arange(0.0, 0.15001, 0.0025).round(4))
-RAYS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 180, 360)
+RAYS = (8, 12, 18, 24, 32, 48, 64, 96, 128, 180, 360)
 RATES_HZ = (5.0, 10.0, 20.0)
 BEARINGS = (180, 360, 720, 1440)
 SIGMAS_M = (0.008, 0.02, 0.05)

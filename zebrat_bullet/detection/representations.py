@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import SafetyRegionConfig
@@ -60,9 +61,9 @@ def region_of(what: Representation, robot: str, n_bearings: int) -> SafetyRegion
     """
     model = load_robot(robot)
     low, high = 1e-3, 10.0
+    spacing = shapely.Polygon(model.footprint_base).length / what.n_rays
     best: SafetyRegion | None = None
     for _ in range(30):
-        spacing = float(np.sqrt(low * high))
         region = make_region(
             model, SafetyRegionConfig(kind=what.kind, resolution_m=spacing, margin_m=what.margin_m), n_bearings
         )
@@ -72,5 +73,6 @@ def region_of(what: Representation, robot: str, n_bearings: int) -> SafetyRegion
         if n == what.n_rays:
             break
         low, high = (low, spacing) if n < what.n_rays else (spacing, high)
+        spacing = float(np.sqrt(low * high))
     assert best is not None
     return best

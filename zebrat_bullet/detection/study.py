@@ -110,8 +110,8 @@ def drive(study: Study, folder: Path, workers: int | None, progress: Progress) -
 
 
 def _claim(folder: Path, study: Study) -> None:
-    """Refuse a folder with drives of another study; only the number of events may differ."""
-    mine = json.loads(to_json(study)) | {"n_events": None}
+    """Refuse a folder with drives of another study; only the number of events and the kinds of walls may differ."""
+    mine = json.loads(to_json(study)) | {"n_events": None, "walls": None}
     path = folder / "study.json"
     if path.is_file() and json.loads(path.read_text()) != mine:
         raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")

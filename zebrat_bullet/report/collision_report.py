@@ -17,8 +17,9 @@ def write_report(study: Study, results: Results, posts: Mapping[str, Results], f
         study: what was driven.
         results: what came of it.
         posts: the same for each field of posts, by its name; may be empty.
-        folder: where to, and where the traces lie.
+        folder: where to.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     write_events(results, folder / "events.csv")
     write_cases(results, folder / "cases.csv")
     text = study_text(results)
@@ -31,12 +32,18 @@ def write_report(study: Study, results: Results, posts: Mapping[str, Results], f
     return text
 
 
-def write_misses_mp4(study: Study, results: Results, folder: Path) -> Path | None:
-    """Write misses.mp4, or nothing where nothing was missed; ghost walls, if they were driven, for they stop nobody."""
+def write_misses_mp4(study: Study, results: Results, drives: Path, folder: Path) -> Path | None:
+    """Write misses.mp4, or nothing where nothing was missed; ghost walls, if they were driven, for they stop nobody.
+
+    Args:
+        study, results: what was driven and what came of it.
+        drives: the folder that it was driven in.
+        folder: where to.
+    """
     misses = find_misses(results, "ghost" if "ghost" in study.walls else "solid")
     if not misses:
         return None
-    scenes = [(kind, event, load_event_trace(study, event, folder)) for kind, event in misses.items()]
+    scenes = [(kind, event, load_event_trace(study, event, drives)) for kind, event in misses.items()]
     path = folder / "misses.mp4"
     write_miss_video(scenes, study.task.robot, path)
     return path
