@@ -46,6 +46,8 @@ class TebAgent:
         """
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
         here, goal = rear_axle_pose(reading.state, self._robot)[:2], reading.goal_world
+        if np.hypot(*(goal - here)) <= self._config.xy_goal_tolerance_m:
+            return Command(0.0, 0.0)
         if reading.walls is not self._walls:
             self._walls = reading.walls
             self._grid = OccupancyGrid.of_walls(reading.walls, also_inside=[here, goal])
