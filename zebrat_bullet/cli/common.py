@@ -1,0 +1,80 @@
+"""What the commands share: options, progress, notes."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from zebrat_bullet.config import REWARD_PRESETS, TaskConfig
+
+TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
+
+Result = tuple[Mapping[str, object], str]
+"""What a command returns: its results for --json, and a text for people."""
+
+
+class Run(Protocol):
+    """A command: its name and docstring are what the command line shows."""
+
+    __name__: str
+
+    def __call__(self, arguments: argparse.Namespace) -> Result:
+        """Run it."""
+
+
+class AddCommand(Protocol):
+    """Makes the parser of a command."""
+
+    def __call__(self, run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
+        """Return it, with the options of its parents."""
+
+
+def task_options() -> argparse.ArgumentParser:
+    """Return the options of the senses."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
+    made.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
+    return made
+
+
+def reward_options() -> argparse.ArgumentParser:
+    """Return the option of the reward."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--reward", choices=sorted(REWARD_PRESETS), default="fomt", help="reward preset")
+    return made
+
+
+def noisy_options() -> argparse.ArgumentParser:
+    """Return the option of noise on the commands."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--action-noise", type=float, default=0.0, help="sigma on the commands, fraction of the limits")
+    return made
+
+
+def task_of(arguments: argparse.Namespace) -> TaskConfig:
+    """Return the task that the options describe."""
+    task = TaskConfig(robot=arguments.robot, reward=REWARD_PRESETS[arguments.reward])
+    task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
+    return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise))
+
+
+def file_name(agent: str) -> str:
+    """Return an agent's name or path as part of a file name."""
+    return Path(agent).name.removesuffix(".safetensors").replace(":", "-").replace(",", "-")
+
+
+def note(arguments: argparse.Namespace, message: str) -> None:
+    """Say something on standard error, unless --quiet."""
+    if not arguments.quiet:
+        print(message, file=sys.stderr)
+
+
+def progress_bar(arguments: argparse.Namespace) -> Progress:
+    """Return a progress bar on standard error, disabled by --quiet."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=Console(stderr=True), disable=arguments.quiet)

@@ -1,0 +1,193 @@
+"""The commands that drive and look: evaluate, replay, video, worlds, bench."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from zebrat_bullet.assets import list_assets
+from zebrat_bullet.cli.common import (
+    TRACKS,
+    AddCommand,
+    Result,
+    file_name,
+    noisy_options,
+    note,
+    progress_bar,
+    reward_options,
+    task_of,
+    task_options,
+)
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import PlanError, WorldError
+
+
+def evaluate(arguments: argparse.Namespace) -> Result:
+    """Judge an agent; write every episode's record, the scores and the table."""
+    from zebrat_bullet.evaluation.judge import Judgement, judge
+    from zebrat_bullet.report.tables import score_table
+
+    out = arguments.out or Path("results") / f"evaluate-{file_name(arguments.agent)}"
+    what = Judgement(
+        agent=arguments.agent,
+        worlds=tuple(arguments.worlds),
+        episodes=arguments.episodes,
+        seed=arguments.seed,
+        action_noise=arguments.action_noise,
+        records=out / "records",
+        workers=arguments.workers,
+        task=task_of(arguments),
+    )
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
+        scores = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {world}"))
+    result = {world: score.as_dict() for world, score in scores.items()}
+    table = score_table(scores)
+    (out / "scores.json").write_text(json.dumps(result, indent=2))
+    (out / "table.md").write_text(table + "\n")
+    return result, f"{table}\n\nrecords and scores: {out}"
+
+
+def replay(arguments: argparse.Namespace) -> Result:
+    """Drive a recorded episode's commands again and say whether every pose came out the same."""
+    from zebrat_bullet.config import from_json
+    from zebrat_bullet.evaluation.records import load_record
+    from zebrat_bullet.evaluation.rollout import replay_episode
+    from zebrat_bullet.task.drive import Drive
+    from zebrat_bullet.world import load_world
+
+    record = load_record(arguments.record)
+    world = load_world(record.world)
+    drive = Drive(from_json(TaskConfig, record.task), world)
+    again = replay_episode(drive, record, world)
+    drive.close()
+    result = {"exact": True, "outcome": again.outcome, "steps": len(again.reward), "world": again.world}
+    if arguments.out:
+        result["video"] = str(_write_video(arguments, again))
+    return result, f"{again.world}: {again.outcome} after {again.duration_s:.1f} s, every pose as recorded"
+
+
+def video(arguments: argparse.Namespace) -> Result:
+    """Drive one episode and write it as an MP4."""
+    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.evaluation.rollout import run_episode
+    from zebrat_bullet.task.drive import Drive
+    from zebrat_bullet.world import load_world
+
+    task = task_of(arguments)
+    drive = Drive(task, load_world(arguments.world))
+    agent = load_agent(arguments.agent, task, arguments.action_noise)
+    record = run_episode(drive, agent, arguments.seed, arguments.episode)
+    drive.close()
+    arguments.out = arguments.out or Path("results") / f"{file_name(arguments.agent)}-{Path(arguments.world).stem}.mp4"
+    path = _write_video(arguments, record)
+    result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
+    return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
+
+
+def worlds(arguments: argparse.Namespace) -> Result:
+    """List worlds with length, narrowest width and turns; draw them to scale, write ROS maps, certify drives out."""
+    from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
+    from zebrat_bullet.report.tables import worlds_table
+    from zebrat_bullet.report.track_figure import draw_worlds
+    from zebrat_bullet.robot import load_robot
+    from zebrat_bullet.world import load_world, world_summary
+
+    loaded = [load_world(name) for name in arguments.names or list_assets("worlds", ".yaml")]
+    result = {world.name: world_summary(world) for world in loaded}
+    if arguments.draw:
+        path = arguments.out or Path("results") / "worlds.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draw_worlds(loaded, path, load_robot(arguments.robot).footprint_base)
+        note(arguments, f"drew {path}")
+    for world in loaded if arguments.map else ():
+        ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
+        write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
+    text = worlds_table(result)
+    if arguments.certify:
+        text += "\n\n" + "\n".join(_certify(arguments, world, result[world.name]) for world in loaded)
+    return result, text
+
+
+def bench(arguments: argparse.Namespace) -> Result:
+    """Time the full environment step and its parts, for both ray casters; with --agent, how long an agent thinks."""
+    from zebrat_bullet.bench import bench_agent, bench_text, run_bench
+
+    if arguments.agent:
+        result: dict[str, dict[str, float]] = {
+            arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)
+        }
+    else:
+        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz)
+    if arguments.out:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(json.dumps(result, indent=2))
+    return result, bench_text(result)
+
+
+def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
+    """Write a world's certificate, note it in the world's result, and return what it says."""
+    from zebrat_bullet.planning.certificate import certify, save_certificate
+    from zebrat_bullet.robot import load_robot
+
+    try:
+        certificate = certify(world, load_robot(arguments.robot))
+    except (PlanError, WorldError) as error:
+        result["certificate"] = None
+        return f"{world.name}: not certified: {error}"
+    result["certificate"] = str(save_certificate(certificate, arguments.certify))
+    return (
+        f"{world.name}: {certificate.length_m:.1f} m with {certificate.n_reversals} reversals lead out, at least "
+        f"{certificate.clearance_m:.3f} m from every wall; none takes less than {certificate.least_time_s:.1f} s"
+    )
+
+
+def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
+    from zebrat_bullet.report.video import write_video
+    from zebrat_bullet.robot import load_robot
+    from zebrat_bullet.world import load_world
+
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("drawing", total=None)
+        write_video(
+            record,
+            arguments.out,
+            load_robot(arguments.robot),
+            load_world(record.world),
+            progress=lambda done, total: bar.update(shown, completed=done, total=total),
+        )
+    return arguments.out
+
+
+def add(command: AddCommand) -> None:
+    """Add the commands of this file."""
+    made = command(evaluate, task_options(), noisy_options(), reward_options())
+    made.add_argument(
+        "--agent",
+        required=True,
+        help="shipped, random, dwa:inflation_radius_m=0.5, ..., a .safetensors policy or a run folder",
+    )
+    made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
+    made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
+    made.add_argument("--workers", type=int, help="processes (default: one a core)")
+
+    made = command(replay)
+    made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
+
+    made = command(video, task_options(), noisy_options(), reward_options())
+    made.add_argument("--agent", default="shipped")
+    made.add_argument("--world", default="big_track")
+    made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
+
+    made = command(worlds)
+    made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
+    made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png")
+    made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
+    made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
+
+    made = command(bench)
+    made.add_argument("--world", default="big_track")
+    made.add_argument("--agent", help="time this agent instead, in one episode")
+    made.add_argument("--steps", type=int, default=1000)
+    made.add_argument("--rate-hz", type=float, default=None, help="physics rate (default: the task's)")

@@ -1,0 +1,164 @@
+"""The commands that learn or gather what is learnt from: train, demonstrate, imitate, teleop."""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from zebrat_bullet.cli.common import (
+    TRACKS,
+    AddCommand,
+    Result,
+    file_name,
+    noisy_options,
+    note,
+    progress_bar,
+    reward_options,
+    task_of,
+    task_options,
+)
+from zebrat_bullet.config import REWARD_PRESETS, with_overrides
+
+
+def train(arguments: argparse.Namespace) -> Result:
+    """Train a policy, or resume a killed run; leave its learning curve in its folder."""
+    from zebrat_bullet.report.curves import draw_learning_curve
+    from zebrat_bullet.training import run
+    from zebrat_bullet.training.presets import TRAIN_PRESETS
+
+    folder = arguments.out or Path("runs") / f"{arguments.preset}-seed{arguments.seed}"
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("training", total=None)
+
+        def on_progress(at: Any) -> None:
+            note = f"{at.steps_per_s:.0f} steps/s  success {at.recent_success:.0%}  best {at.best_success:.0%}"
+            bar.update(shown, completed=at.episode, total=at.n_episodes, description=note)
+
+        if arguments.resume:
+            run.resume(folder, on_progress)
+        else:
+            config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
+            config = replace(config, task=replace(config.task, reward=REWARD_PRESETS[arguments.reward]))
+            if arguments.worlds:
+                config = replace(config, worlds=tuple(arguments.worlds))
+            run.train(with_overrides(config, arguments.set), folder, on_progress)
+    draw_learning_curve(folder, folder / "learning_curve.png")
+    summary = run.summarise(folder)
+    best = summary["best"]
+    curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in run.evaluations(folder))
+    text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
+    return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
+
+
+def demonstrate(arguments: argparse.Namespace) -> Result:
+    """Let an agent drive and record it as demonstrations to imitate."""
+    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.agents.human import HumanLikeAgent
+    from zebrat_bullet.training.demonstrations import demonstrate
+
+    task = task_of(arguments)
+    out = arguments.out or Path("demonstrations") / file_name(arguments.agent)
+    agent = load_agent(arguments.agent, task, arguments.action_noise)
+    if arguments.human_noise:
+        agent = HumanLikeAgent(agent, task.physics)
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("pairs", total=arguments.pairs)
+        done = demonstrate(
+            agent,
+            arguments.worlds,
+            arguments.pairs,
+            out,
+            task,
+            arguments.seed,
+            arguments.compact,
+            lambda n: bar.update(shown, completed=n),
+        )
+    text = f"{done['pairs']} pairs from {done['successes']} of {done['episodes']} episodes, which succeeded: {out}"
+    return {"folder": str(out), **done}, text
+
+
+def imitate(arguments: argparse.Namespace) -> Result:
+    """Clone the behaviour in demonstrations; with --dagger, let an expert label what the learner then meets."""
+    from zebrat_bullet.training import imitation
+
+    folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
+    if arguments.resume:
+        imitation.resume_imitation(folder, lambda said: note(arguments, said))
+    else:
+        config = imitation.ImitationConfig(
+            demonstrations=arguments.demonstrations,
+            iterations=arguments.dagger,
+            expert=arguments.expert,
+            seed=arguments.seed,
+        )
+        imitation.imitate(with_overrides(config, arguments.set), folder, lambda said: note(arguments, said))
+    rows = imitation.iterations(folder)
+    text = "\n".join(
+        f"iteration {row['iteration']:.0f}: {row['pairs']:.0f} pairs, held-out loss {row['held_out_loss']:.4f}, "
+        f"noise-free success {row['success']:.0%}"
+        for row in rows
+    )
+    return {"folder": str(folder), "iterations": rows}, f"{text}\nbest policy and all others: {folder}"
+
+
+def teleop(arguments: argparse.Namespace) -> Result:
+    """Drive yourself in a browser; every episode joins a data set of demonstrations."""
+    from zebrat_bullet.teleop.session import teleop
+
+    out = arguments.out or Path("demonstrations") / "person"
+    outcomes: list[str] = []
+
+    def on_episode(record: Any, path: Path) -> None:
+        outcomes.append(record.outcome)
+        note(arguments, f"{record.outcome} after {record.duration_s:.1f} s: {path}")
+
+    teleop(
+        arguments.world,
+        out,
+        task_of(arguments),
+        host=arguments.host,
+        port=arguments.port,
+        seed=arguments.seed,
+        episodes=arguments.episodes,
+        on_ready=lambda url: print(f"drive at {url} (Ctrl-C ends)", file=sys.stderr, flush=True),
+        on_episode=on_episode,
+    )
+    return {"folder": str(out), "outcomes": outcomes}, f"{len(outcomes)} episodes saved in {out}"
+
+
+def add(command: AddCommand) -> None:
+    """Add the commands of this file."""
+    made = command(train, reward_options())
+    made.add_argument("--preset", choices=("paper", "general", "finetune", "quick"), default="paper")
+    made.add_argument("--worlds", nargs="+", metavar="WORLD", help="training worlds instead of the preset's")
+    made.add_argument(
+        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. batch_size=128"
+    )
+    made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
+
+    made = command(demonstrate, task_options(), noisy_options(), reward_options())
+    made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
+    made.add_argument(
+        "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
+    )
+    made.add_argument(
+        "--pairs", type=int, default=10_000, help="steps of successful episodes to record (default 10000)"
+    )
+    made.add_argument("--human-noise", action="store_true", help="act late, steer unsteadily, change speed gently")
+    made.add_argument("--compact", action="store_true", help="leave the 360-range scans out: a sixth of the size")
+
+    made = command(imitate)
+    made.add_argument("--demonstrations", default="demonstrations/oracle", metavar="FOLDER", help="episode records")
+    made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
+    made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
+    made.add_argument(
+        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. clone.epochs=40"
+    )
+    made.add_argument("--resume", action="store_true", help="continue the run in --out")
+
+    made = command(teleop, task_options(), reward_options())
+    made.add_argument("--world", default="big_track")
+    made.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    made.add_argument("--port", type=int, default=8765, help="port to listen on, 0 for any that is free (default 8765)")
+    made.add_argument("--episodes", type=int, help="end after so many (default: at Ctrl-C)")

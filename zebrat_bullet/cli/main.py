@@ -1,0 +1,73 @@
+"""Parses, calls one command, prints: results on standard output, everything else on standard error."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from zebrat_bullet import __version__
+from zebrat_bullet.cli import collisions, driving, learning
+from zebrat_bullet.cli.common import Run
+from zebrat_bullet.errors import ZebratError
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one `zebrat` command and return its exit status: 0, or 2 after an error that the user can mend."""
+    arguments = _parser().parse_args(argv)
+    with _real_stdout() as stdout:
+        try:
+            result, text = arguments.run(arguments)
+        except ZebratError as error:
+            print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print(f"zebrat {arguments.command}: stopped", file=sys.stderr)
+            return 130
+        print(json.dumps(result) if arguments.json else text, file=stdout)
+    return 0
+
+
+@contextmanager
+def _real_stdout() -> Iterator[TextIO]:
+    """Yield the true standard output while all else that is written there, PyBullet's greeting too, goes to stderr."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with os.fdopen(os.dup(saved), "w") as stream:
+            yield stream
+    finally:
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)
+
+
+def _seed(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 up, got {text!r}")
+    return int(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print one JSON object as the last line")
+    common.add_argument("--seed", type=_seed, default=0, help="seed of everything random (default 0)")
+    common.add_argument("--out", type=Path, help="file or folder to write")
+    common.add_argument("--quiet", action="store_true", help="no progress")
+    common.add_argument("--robot", default="zebrat", help="URDF name or file")
+    parser = argparse.ArgumentParser(prog="zebrat", description="Learn to drive out of narrow spaces.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def command(run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
+        made = commands.add_parser(run.__name__, parents=[common, *parents], help=run.__doc__, description=run.__doc__)
+        made.set_defaults(run=run)
+        return made
+
+    for commands_of_a_kind in (learning, driving, collisions):
+        commands_of_a_kind.add(command)
+    return parser
