@@ -204,7 +204,7 @@ SMALL = Study(worlds=("track_2",), drivers=("random-smooth",), n_events=6, seed=
 
 @pytest.mark.slow
 def test_a_study_resumes_after_a_crash_with_the_same_counts_and_reports_them(tmp_path, monkeypatch):
-    chosen = cases(["base", "rays"], Sensing(), 32, 0.0)
+    chosen = cases(["base", "rays"], Sensing(), 32, [0.0])
     said = []
     whole = run_study(SMALL, chosen, tmp_path / "whole", 2, lambda *at: said.append(at))
     kept = sorted((tmp_path / "whole" / "traces").glob("*.npz"))
@@ -246,10 +246,10 @@ def test_a_study_resumes_after_a_crash_with_the_same_counts_and_reports_them(tmp
 )
 def test_a_bad_study_is_refused_before_anything_is_driven(tmp_path, changes, said):
     with pytest.raises(ZebratError, match=said):
-        run_study(replace(SMALL, **changes), cases(["base"], Sensing(), 32, 0.0), tmp_path, 1, lambda *at: None)
+        run_study(replace(SMALL, **changes), cases(["base"], Sensing(), 32, [0.0]), tmp_path, 1, lambda *at: None)
     assert not list(tmp_path.rglob("*.npz"))
     with pytest.raises(ConfigError, match="no panel colour; there are base, margin"):
-        cases(["colour"], Sensing(), 32, 0.0)
+        cases(["colour"], Sensing(), 32, [0.0])
 
 
 def test_scores_survive_the_disk(tmp_path, solid):

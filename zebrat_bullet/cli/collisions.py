@@ -83,7 +83,13 @@ def add(command: AddCommand) -> None:
     made.add_argument("--policy", default="shipped", help="the agent behind the driver `policy`")
     made.add_argument("--walls", nargs="+", default=["solid", "ghost"], help="solid stop the car, ghost let it through")
     made.add_argument("--rays", type=int, default=32, help="rays of each representation (default 32)")
-    made.add_argument("--margin", type=float, default=0.0, help="margin of each representation in m (default 0)")
+    made.add_argument(
+        "--margin",
+        type=float,
+        nargs="+",
+        default=[0.0],
+        help="margins in m; the first is that of the counts (default 0)",
+    )
     made.add_argument("--rate-hz", type=float, default=5.0, help="sweeps a second (default 5)")
     made.add_argument("--caster", choices=("bullet", "embree"), default="embree", help="ray caster (default embree)")
     made.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")

@@ -14,7 +14,7 @@ MARGINS_M = tuple(float(margin) for margin in np.arange(0.0, 0.15001, 0.0025).ro
 RAYS = (8, 12, 18, 24, 32, 48, 64, 96, 128, 180, 360)
 RATES_HZ = (5.0, 10.0, 20.0)
 BEARINGS = (180, 360, 720, 1440)
-SIGMAS_M = (0.008, 0.02, 0.05)
+SIGMAS_M = (0.0, 0.008, 0.02, 0.05)
 DROPOUTS = (0.05, 0.2, 0.5)
 POSTS = ("posts-0.02", "posts-0.05", "posts-0.1", "posts-0.2")
 
@@ -35,16 +35,24 @@ class Case:
     representation: Representation
 
 
-def cases(panels: Sequence[str], base: Sensing, n_rays: int, margin_m: float) -> list[Case]:
-    """Return the cases of some panels: each varies one thing about the given sensing, number of rays and margin.
+def cases(panels: Sequence[str], base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+    """Return the cases of some panels: each varies one thing about the given sensing and number of rays.
+
+    Args:
+        panels: names of `PANELS`.
+        base: the sensing.
+        n_rays: rays of each representation.
+        margins_m: the panel "base" takes the first, "margin" has its own, all others take each.
 
     Raises:
-        ConfigError: there is no such panel.
+        ConfigError: there is no such panel, or no margin.
     """
     unknown = set(panels) - set(PANELS)
     if unknown:
         raise ConfigError(f"no panel {', '.join(sorted(unknown))}; there are {', '.join(PANELS)}")
-    return [case for panel in panels for case in PANELS[panel](base, n_rays, margin_m)]
+    if not margins_m:
+        raise ConfigError("name at least one margin")
+    return [case for panel in panels for case in PANELS[panel](base, n_rays, margins_m)]
 
 
 def representations(n_rays: int, margin_m: float) -> list[Representation]:
@@ -52,24 +60,25 @@ def representations(n_rays: int, margin_m: float) -> list[Representation]:
     return [Representation(kind=kind, n_rays=0 if kind == "cloud" else n_rays, margin_m=margin_m) for kind in KINDS]
 
 
-def _base(base: Sensing, n_rays: int, margin_m: float) -> list[Case]:
-    return [_case("base", "", base, what) for what in representations(n_rays, margin_m)]
+Panel = Callable[[Sensing, int, Sequence[float]], list[Case]]
 
 
-def _margin(base: Sensing, n_rays: int, margin_m: float) -> list[Case]:
-    return [_case("margin", f"{m:g}", base, what) for m in MARGINS_M for what in representations(n_rays, m)]
+def _base(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+    return [_case("base", "", base, what) for what in representations(n_rays, margins_m[0])]
 
 
-def _rays(base: Sensing, n_rays: int, margin_m: float) -> list[Case]:
-    made = [Representation(kind=kind, n_rays=n, margin_m=margin_m) for n in RAYS for kind in WATCHING]
-    return [_case("rays", str(what.n_rays), base, what) for what in made]
+def _margin(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+    return [_case("margin", f"{m:g} m", base, what) for m in MARGINS_M for what in representations(n_rays, m)]
 
 
-def _sensing(
-    name: str, variants: Callable[[Sensing], dict[str, Sensing]]
-) -> Callable[[Sensing, int, float], list[Case]]:
-    def panel(base: Sensing, n_rays: int, margin_m: float) -> list[Case]:
-        made = representations(n_rays, margin_m)
+def _rays(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+    made = [Representation(kind=k, n_rays=n, margin_m=m) for m in margins_m for n in RAYS for k in WATCHING]
+    return [_case("rays", f"{what.n_rays} rays", base, what) for what in made]
+
+
+def _sensing(name: str, variants: Callable[[Sensing], dict[str, Sensing]]) -> Panel:
+    def panel(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+        made = [what for margin_m in margins_m for what in representations(n_rays, margin_m)]
         return [_case(name, setting, sensing, what) for setting, sensing in variants(base).items() for what in made]
 
     return panel
@@ -96,7 +105,7 @@ def _case(panel: str, setting: str, sensing: Sensing, representation: Representa
     return Case(panel=panel, setting=setting, sensing=sensing, representation=representation)
 
 
-PANELS: dict[str, Callable[[Sensing, int, float], list[Case]]] = {
+PANELS: dict[str, Panel] = {
     "base": _base,
     "margin": _margin,
     "rays": _rays,
