@@ -58,7 +58,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.training.demonstrations import demonstrate
 
     task = task_of(arguments)
-    out = arguments.out or Path("demonstrations") / file_name(arguments.agent)
+    out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     if arguments.human_noise:
         agent = HumanLikeAgent(agent, task.physics)
@@ -106,7 +106,7 @@ def teleop(arguments: argparse.Namespace) -> Result:
     """Drive yourself in a browser; every episode joins a data set of demonstrations."""
     from zebrat_bullet.teleop.session import teleop
 
-    out = arguments.out or Path("demonstrations") / "person"
+    out = arguments.out or Path("results/demonstrations") / "person"
     outcomes: list[str] = []
 
     def on_episode(record: Any, path: Path) -> None:
@@ -149,7 +149,12 @@ def add(command: AddCommand) -> None:
     made.add_argument("--compact", action="store_true", help="leave the 360-range scans out: a sixth of the size")
 
     made = command(imitate)
-    made.add_argument("--demonstrations", default="demonstrations/oracle", metavar="FOLDER", help="episode records")
+    made.add_argument(
+        "--demonstrations",
+        default="docs/results/demonstrations/oracle",
+        metavar="FOLDER",
+        help="episode records (default: those of this checkout)",
+    )
     made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
     made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
     made.add_argument(

@@ -1,6 +1,6 @@
 """The study of representations as figures: the counts, where on the body contacts are missed, and what was varied."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +9,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.representations import KINDS, Representation, region_of
+from zebrat_bullet.detection.study import Tally
 from zebrat_bullet.detection.summary import (
+    COUNTS,
     PAPER_COUNTS,
     Results,
     base_tallies,
@@ -22,14 +25,18 @@ from zebrat_bullet.report.collisions import LABELS
 from zebrat_bullet.robot import load_robot
 
 COLOURS = {"sr": "#2a6f97", "firect": "#e07a3f", "fifr": "#7b5ea7", "cloud": "#7d8a97"}
+_ALARM_SCALE = 20.0
 _SEEN, _LATE, _MISSED = "#b9c4cf", "#f2b134", "#c8322b"
 
 
 def draw_counts(results: Results, path: Path) -> None:
-    """Draw the paper's bar chart beside ours, each count relative to the safety region's (PNG, SVG or PDF)."""
-    kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
-    groups = [(walls, name) for walls in kinds_of_walls for name in ("in_time", "within_1_s", "overlap_reports")]
-    figure = Figure(figsize=(2.2 + 1.9 * len(groups), 4.2), layout="constrained")
+    """Draw the paper's bar chart beside ours, each count relative to the safety region's (PNG, SVG or PDF).
+
+    Ours are those of ghost walls, if they were driven: solid ones stop the car before there is anything to see.
+    """
+    driven = list(dict.fromkeys(walls for walls, _ in results))
+    groups = [("ghost" if "ghost" in driven else driven[0], count) for count in COUNTS]
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for i, (kind, count) in enumerate(PAPER_COUNTS.items()):
@@ -59,6 +66,7 @@ def draw_counts(results: Results, path: Path) -> None:
     axes.set_xticks(range(len(labels)), labels, fontsize=9)
     axes.set_ylabel("reported, relative to SR")
     _finish(axes)
+    axes.set_ylim(0.0, 1.25)
     axes.legend(frameon=False, ncols=3, loc="upper right")
     figure.savefig(path, dpi=130)
 
@@ -86,8 +94,8 @@ def draw_misses(results: Results, robot: str, path: Path) -> None:
                 _draw_rays(axes, kind, robot)
             share = f"in time {tally.in_time.mean():.0%}, late {late.mean():.0%}, missed {missed.mean():.0%}"
             axes.set_title(f"{LABELS[kind]}, {walls} walls\n{share}", fontsize=9)
-            axes.set_aspect("equal")
-            axes.margins(0.08)
+            (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - 0.03, outline.max(axis=0) + 0.03
+            axes.set(aspect="equal", xlim=(low_x, high_x + 0.2), ylim=(low_y, high_y))  # FIFR reaches past the nose
             axes.axis("off")
     handles = [
         grid[0][0].scatter([], [], color=colour, label=name)
@@ -107,65 +115,65 @@ def _draw_rays(axes: Axes, kind: str, robot: str) -> None:
         axes.plot(*np.array([mount, end]).T, color=COLOURS[kind], lw=0.5, alpha=0.5, zorder=1)
 
 
-_SWEEPS = {
+_SWEEPS: dict[str, tuple[str, Callable[[Case], float]]] = {
     "margin": ("margin, cm", lambda case: 100.0 * case.representation.margin_m),
     "rays": ("number of rays", lambda case: case.representation.n_rays),
     "rate": ("sweeps a second", lambda case: case.sensing.rate_hz),
     "resolution": ("bearings of the scan", lambda case: case.sensing.lidar.n_bearings),
+    "noise": ("range noise, sigma in cm", lambda case: 100.0 * case.sensing.noise.range_sigma_m),
 }
+"""By panel: the axis label, and where a case lies on the axis."""
 
 
 def draw_sweeps(results: Results, path: Path) -> bool:
-    """Draw recall, and false alarms a minute for the margin, over what was varied; False if nothing was."""
-    shown = [
-        (walls, panel)
+    """Draw recall, and false alarms a minute, over what was varied, a column a kind of walls; False if nothing was."""
+    columns = list(dict.fromkeys(walls for walls, _ in results))
+    margins = {
+        panel: [None]
+        if panel == "margin"
+        else sorted({c.representation.margin_m for _, c in results if c.panel == panel})
         for panel in _SWEEPS
-        for walls in dict.fromkeys(walls for walls, _ in results)
         if any(case.panel == panel for _, case in results)
-    ]
-    if not shown:
+    }
+    rows = [(panel, margin) for panel, of_panel in margins.items() for margin in of_panel]
+    if not rows:
         return False
-    columns = len(dict.fromkeys(walls for walls, _ in shown))
-    rows = len(shown) // columns
-    figure = Figure(figsize=(4.6 * columns, 2.8 * rows), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(columns), 2.8 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    for axes, (walls, panel) in zip(grid.flat, shown, strict=True):
-        _draw_sweep(axes, results, walls, panel)
+    grid = figure.subplots(len(rows), len(columns), squeeze=False)
+    for line, (panel, margin) in zip(grid, rows, strict=True):
+        for axes, walls in zip(line, columns, strict=True):
+            chosen = {
+                case: tally
+                for (w, case), tally in results.items()
+                if (w, case.panel) == (walls, panel) and margin in (None, case.representation.margin_m)
+            }
+            _draw_sweep(axes, chosen, panel)
+            axes.set_title(f"{walls} walls" + ("" if margin is None else f", margin {100 * margin:g} cm"), fontsize=10)
     grid.flat[0].legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=110)
     return True
 
 
-def _draw_sweep(axes: Axes, results: Results, walls: str, panel: str) -> None:
+def _draw_sweep(axes: Axes, cases: Mapping[Case, Tally], panel: str) -> None:
     label, value = _SWEEPS[panel]
+    lasting = [case for case in cases if panel != "noise" or case.sensing.noise.dropout == 0.0]
     for kind in KINDS:
-        chosen = [
-            (value(case), summarise(tally))
-            for (w, case), tally in results.items()
-            if w == walls and case.panel == panel and case.representation.kind == kind
-        ]
+        chosen = sorted((value(case), case.setting) for case in lasting if case.representation.kind == kind)
+        at = {case.setting: summarise(cases[case]) for case in lasting if case.representation.kind == kind}
         if not chosen:
             continue
-        chosen.sort(key=lambda one: one[0])
-        x: Sequence[float] = [at for at, _ in chosen]
-        axes.plot(x, [one.recall for _, one in chosen], "-", color=COLOURS[kind], label=LABELS[kind])
-        axes.fill_between(
-            x,
-            [one.recall_ci[0] for _, one in chosen],
-            [one.recall_ci[1] for _, one in chosen],
-            color=COLOURS[kind],
-            alpha=0.15,
-        )
-        if panel == "margin":
-            rate = [one.false_alarms / max(one.clear_minutes, 1e-9) for _, one in chosen]
-            axes.plot(x, np.array(rate) / 20.0, ":", color=COLOURS[kind], lw=1)
-    if panel == "margin":
-        axes.plot([], [], ":", color="#555", label="false alarms / 20 a minute")
+        x, each = [place for place, _ in chosen], [at[setting] for _, setting in chosen]
+        low, high = zip(*(one.recall_ci for one in each), strict=True)
+        axes.plot(x, [one.recall for one in each], "-", color=COLOURS[kind], label=LABELS[kind])
+        axes.fill_between(x, low, high, color=COLOURS[kind], alpha=0.15)
+        rate = [one.false_alarms / max(one.clear_minutes, 1e-9) for one in each]
+        axes.plot(x, np.array(rate) / _ALARM_SCALE, ":", color=COLOURS[kind], lw=1)
+    axes.plot([], [], ":", color="#555", label=f"false alarms, {_ALARM_SCALE:g} a minute = 1")
     if panel in ("rays", "resolution"):
         axes.set_xscale("log", base=2)
-        axes.set_xticks(x, [f"{at:g}" for at in x], fontsize=7)
-    axes.set(xlabel=label, ylabel="reported in time", ylim=(-0.02, 1.02), title=f"{walls} walls")
+        axes.set_xticks(x, [f"{place:g}" for place in x], fontsize=7)
+    axes.set(xlabel=label, ylabel="reported in time", ylim=(-0.02, 1.02))
     _finish(axes)
 
 
