@@ -26,6 +26,7 @@ from zebrat_bullet.robot import load_robot
 
 COLOURS = {"sr": "#2a6f97", "firect": "#e07a3f", "fifr": "#7b5ea7", "cloud": "#7d8a97"}
 _ALARM_SCALE = 20.0
+_SCATTER_M = 0.02
 _SEEN, _LATE, _MISSED = "#b9c4cf", "#f2b134", "#c8322b"
 
 
@@ -85,17 +86,18 @@ def draw_misses(results: Results, robot: str, path: Path) -> None:
     for row, walls in zip(grid, kinds_of_walls, strict=True):
         for axes, (kind, tally) in zip(row, base_tallies(results, walls).items(), strict=True):
             at = np.array([(event.contact_x, event.contact_y) for event in tally.events])
+            at += np.random.default_rng(0).normal(0.0, _SCATTER_M, at.shape)  # most lie on one another, at a corner
             late = np.isfinite(tally.lead_s) & ~tally.in_time
             missed = ~np.isfinite(tally.lead_s)
             axes.add_patch(Polygon(outline, closed=True, fc="#f4f6f8", ec="#2f3b4c"))
             for chosen, colour in ((tally.in_time, _SEEN), (late, _LATE), (missed, _MISSED)):
-                axes.scatter(*at[chosen].T, s=7, color=colour, linewidths=0, alpha=0.8, zorder=3)
+                axes.scatter(*at[chosen].T, s=5, color=colour, linewidths=0, alpha=0.6, zorder=3)
             if kind != "cloud":
                 _draw_rays(axes, kind, robot)
             share = f"in time {tally.in_time.mean():.0%}, late {late.mean():.0%}, missed {missed.mean():.0%}"
             axes.set_title(f"{LABELS[kind]}, {walls} walls\n{share}", fontsize=9)
-            (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - 0.03, outline.max(axis=0) + 0.03
-            axes.set(aspect="equal", xlim=(low_x, high_x + 0.2), ylim=(low_y, high_y))  # FIFR reaches past the nose
+            (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - 0.08, outline.max(axis=0) + 0.08
+            axes.set(aspect="equal", xlim=(low_x, high_x + 0.15), ylim=(low_y, high_y))  # FIFR reaches past the nose
             axes.axis("off")
     handles = [
         grid[0][0].scatter([], [], color=colour, label=name)

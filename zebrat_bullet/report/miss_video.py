@@ -34,13 +34,20 @@ _HIT = "#c8322b"
 
 
 def find_misses(results: Results, walls: str) -> dict[str, Event]:
-    """Return, for SR, FIRect and FIFR, the fastest contact not reported in time; absent where there is none."""
+    """Return, for SR, FIRect and FIFR, a contact each that it did not report: the longest not yet taken by another.
+
+    A representation that missed none is absent.
+    """
     misses: dict[str, Event] = {}
     for kind in ("sr", "firect", "fifr"):
         tally = base_tallies(results, walls)[kind]
-        missed = [event for event, in_time in zip(tally.events, tally.in_time, strict=True) if not in_time]
+        missed = [
+            (int(n), -e)
+            for e, (n, lead) in enumerate(zip(tally.overlap_sweeps, tally.lead_s, strict=True))
+            if np.isnan(lead) and tally.events[e] not in misses.values()
+        ]
         if missed:
-            misses[kind] = max(missed, key=lambda event: abs(event.speed_mps))
+            misses[kind] = tally.events[-max(missed)[1]]
     return misses
 
 
