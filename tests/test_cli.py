@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from zebrat_bullet.evaluation.records import load_record
+
 ZEBRAT = Path(sys.executable).parent / "zebrat"
 
 
@@ -30,6 +32,16 @@ def test_evaluate_prints_the_agreed_json_and_its_records_replay(tmp_path):
     assert "| track_2 |" in (tmp_path / "table.md").read_text()
     replayed = result("replay", tmp_path / "records" / "track_2" / "episode_0001.npz")
     assert replayed["exact"] is True
+
+
+def test_several_agents_are_judged_on_the_same_episodes_and_compared(tmp_path):
+    agents = ("random", "dwa:inflation_radius_m=0.3")
+    answer = result("evaluate", "--agent", *agents, "--worlds", "track_2", "--episodes", 1, "--out", tmp_path)
+    assert list(answer) == list(agents) and answer["random"]["track_2"]["episodes"] == 1
+    table = (tmp_path / "comparison.md").read_text()
+    assert "| dwa:inflation_radius_m=0.3 | goal, map, pose | 100%, " in table and "| random | - | 0% |" in table
+    poses = [load_record(path).pose[0] for path in sorted(tmp_path.glob("*/records/track_2/episode_0000.npz"))]
+    assert len(poses) == 2 and (poses[0] == poses[1]).all()
 
 
 def test_train_writes_a_run_that_evaluate_accepts(tmp_path):

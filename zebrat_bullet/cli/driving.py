@@ -3,7 +3,7 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.cli.common import (
@@ -21,15 +21,38 @@ from zebrat_bullet.cli.common import (
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError, WorldError
 
+if TYPE_CHECKING:
+    from zebrat_bullet.evaluation.metrics import Score
+
 
 def evaluate(arguments: argparse.Namespace) -> Result:
-    """Judge an agent; write every episode's record, the scores and the table."""
+    """Judge one agent or several; write every episode's record, the scores and the tables."""
+    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.report.tables import comparison_table
+
+    if len(arguments.agent) == 1:
+        (agent,) = arguments.agent
+        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
+        scores, table = _evaluate_one(arguments, agent, out)
+        return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
+    for agent in arguments.agent:
+        load_agent(agent, task_of(arguments))  # a wrong name is told before hours of driving
+    out = arguments.out or Path("results") / "evaluate"
+    every = {agent: _evaluate_one(arguments, agent, out / file_name(agent))[0] for agent in arguments.agent}
+    table = comparison_table(every)
+    result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
+    (out / "comparison.json").write_text(json.dumps(result, indent=2))
+    (out / "comparison.md").write_text(table + "\n")
+    return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
+
+
+def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tuple[dict[str, Score], str]":
+    """Judge one agent, leave its records, scores and table in a folder, and return scores and table."""
     from zebrat_bullet.evaluation.judge import Judgement, judge
     from zebrat_bullet.report.tables import score_table
 
-    out = arguments.out or Path("results") / f"evaluate-{file_name(arguments.agent)}"
     what = Judgement(
-        agent=arguments.agent,
+        agent=agent,
         worlds=tuple(arguments.worlds),
         episodes=arguments.episodes,
         seed=arguments.seed,
@@ -40,12 +63,11 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     )
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
-        scores = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {world}"))
-    result = {world: score.as_dict() for world, score in scores.items()}
+        scores = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
     table = score_table(scores)
-    (out / "scores.json").write_text(json.dumps(result, indent=2))
+    (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
-    return result, f"{table}\n\nrecords and scores: {out}"
+    return scores, table
 
 
 def replay(arguments: argparse.Namespace) -> Result:
@@ -166,6 +188,7 @@ def add(command: AddCommand) -> None:
     made.add_argument(
         "--agent",
         required=True,
+        nargs="+",
         help="shipped, random, dwa:inflation_radius_m=0.5, ..., a .safetensors policy or a run folder",
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")

@@ -19,6 +19,24 @@ def score_table(scores: Mapping[str, Score]) -> str:
     return "\n".join(rows + [_row(world, score) for world, score in scores.items()])
 
 
+def comparison_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
+    """Return one row an agent and one column a world: the success rate, and the mean time of the successes in s."""
+    worlds = list(next(iter(scores.values())))
+    rows = [
+        f"| agent | beyond the lidar | {' | '.join(worlds)} |",
+        "|---" * (len(worlds) + 2) + "|",
+    ]
+    for agent, of_agent in scores.items():
+        cells = [_cell(of_agent[world]) for world in worlds]
+        given = ", ".join(of_agent[worlds[0]].privileged) or "-"
+        rows.append(f"| {agent} | {given} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def _cell(at: Score) -> str:
+    return f"{at.success:.0%}" + ("" if at.time_s is None else f", {at.time_s:.1f}")
+
+
 def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """Return one row a world: length, narrowest width, turns in order (left positive), what it is."""
     rows = ["| world | length | narrowest | turns in degrees | |", "|---|---|---|---|---|"]
