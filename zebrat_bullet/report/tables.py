@@ -1,26 +1,33 @@
 """Scores and worlds as Markdown tables: the same text on the terminal, in a results folder and in the README."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from zebrat_bullet.errors import AssetError
 from zebrat_bullet.evaluation.metrics import Score
+from zebrat_bullet.planning.certificate import load_certificate
 
 
 def score_table(scores: Mapping[str, Score]) -> str:
     """Return one row a world: rates, the 95 % Wilson interval of success, mean time, and why the rest failed.
 
-    The last column is what the agent was given beyond the lidar.
+    Beside the time stands the least that any drive can take, where the world has a certificate; the last column is
+    what the agent was given beyond the lidar.
     """
     rows = [
-        "| world | success | 95 % interval | collision | fail | time of successes | episodes | causes of the rest "
-        "| beyond the lidar |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| world | success | 95 % interval | collision | fail | time of successes, s | least possible | episodes "
+        "| causes of the rest | beyond the lidar |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     return "\n".join(rows + [_row(world, score) for world, score in scores.items()])
 
 
 def comparison_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
-    """Return one row an agent and one column a world: the success rate, and the mean time of the successes in s."""
+    """Return one row an agent and one column a world: the success rate, and the mean time of the successes in s.
+
+    The last row is the least time that any drive can take, where the world has a certificate.
+    """
     worlds = list(next(iter(scores.values())))
     rows = [
         f"| agent | beyond the lidar | {' | '.join(worlds)} |",
@@ -30,7 +37,17 @@ def comparison_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
         cells = [_cell(of_agent[world]) for world in worlds]
         given = ", ".join(of_agent[worlds[0]].privileged) or "-"
         rows.append(f"| {agent} | {given} | {' | '.join(cells)} |")
+    rows.append(f"| least possible | | {' | '.join(map(_least_time, worlds))} |")
     return "\n".join(rows)
+
+
+def _least_time(world: str) -> str:
+    if Path(world).suffix:  # a user's own file
+        return "-"
+    try:
+        return f"{load_certificate(world).least_time_s:.1f}"
+    except AssetError:
+        return "-"
 
 
 def _cell(at: Score) -> str:
@@ -49,9 +66,9 @@ def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _row(world: str, score: Score) -> str:
     low, high = score.success_ci
-    time = "-" if score.time_s is None else f"{score.time_s:.1f} s"
+    time = "-" if score.time_s is None else f"{score.time_s:.1f}"
     causes = ", ".join(f"{count} {cause}" for cause, count in score.causes.items() if cause != "success") or "-"
     return (
         f"| {world} | {score.success:.0%} | {low:.0%}-{high:.0%} | {score.collision:.0%} | {score.fail:.0%} "
-        f"| {time} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
+        f"| {time} | {_least_time(world)} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
     )
