@@ -8,6 +8,7 @@ from zebrat_bullet.detection.summary import Results
 from zebrat_bullet.report.collision_figures import draw_counts, draw_misses, draw_sweeps
 from zebrat_bullet.report.collisions import posts_table, study_text, write_cases, write_events
 from zebrat_bullet.report.miss_video import find_misses, write_miss_video
+from zebrat_bullet.robot import load_robot
 
 
 def write_report(study: Study, results: Results, posts: Mapping[str, Results], folder: Path) -> str:
@@ -22,7 +23,7 @@ def write_report(study: Study, results: Results, posts: Mapping[str, Results], f
     folder.mkdir(parents=True, exist_ok=True)
     write_events(results, folder / "events.csv")
     write_cases(results, folder / "cases.csv")
-    text = study_text(results)
+    text = study_text(results, load_robot(study.task.robot).footprint_base)
     if posts:
         text += "\n\n**Posts**\n\n" + posts_table(posts)
     (folder / "table.md").write_text(text + "\n")

@@ -6,7 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zebrat_bullet.detection.scoring import Event
 from zebrat_bullet.detection.summary import (
     PAPER_COUNTS,
     Results,
@@ -16,15 +18,16 @@ from zebrat_bullet.detection.summary import (
     summarise,
 )
 
+_CORNER_M = 0.03
 LABELS = {"sr": "SR", "firect": "FIRect", "fifr": "FIFR", "cloud": "cloud"}
 
 
-def study_text(results: Results) -> str:
-    """Return all tables of a study."""
+def study_text(results: Results, outline: NDArray[np.float64]) -> str:
+    """Return all tables of a study of the car with a (K, 2) footprint in its base frame."""
     kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
     parts = []
     for walls in kinds_of_walls:
-        parts += [f"**{walls} walls**", counts_table(results, walls)]
+        parts += [f"**{walls} walls**", counts_table(results, walls), places_table(results, walls, outline)]
         if recommended_margins(results, walls):
             parts.append(margins_table(results, walls))
     if "ghost" in kinds_of_walls:
@@ -98,6 +101,35 @@ def paper_table(results: Results, walls: str) -> str:
         ("representation", "paper", "ours: contacts in time", "ours: contacts within 1 s", "ours: sweeps in collision"),
         rows,
     )
+
+
+def places_table(results: Results, walls: str, outline: NDArray[np.float64]) -> str:
+    """Return, for each part of the body, the share of the contacts there that was reported in time, and within 1 s.
+
+    Args:
+        results, walls: which.
+        outline: (K, 2) footprint of the car in its base frame, m.
+    """
+    tallies = base_tallies(results, walls)
+    places = np.array([_place(event, outline) for event in next(iter(tallies.values())).events])
+    rows = []
+    for place in dict.fromkeys(sorted(places)):
+        here = places == place
+        shares = [f"{t.in_time[here].mean():.0%} ({np.isfinite(t.lead_s[here]).mean():.0%})" for t in tallies.values()]
+        rows.append((place, str(here.sum()), *shares))
+    return _markdown((f"where, {walls} walls", "contacts", *(LABELS[kind] for kind in tallies)), rows)
+
+
+def _place(event: Event, outline: NDArray[np.float64]) -> str:
+    """Return the part of a convex (K, 2) counter-clockwise outline that a contact lies on."""
+    at = np.array([event.contact_x, event.contact_y])
+    end = "front" if event.contact_x > 0.0 else "rear"
+    if np.hypot(*(outline - at).T).min() < _CORNER_M:
+        return f"{end} corners"
+    sides = np.roll(outline, -1, axis=0) - outline
+    normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.hypot(*sides.T)[:, None]
+    nearest = int(np.argmin(np.abs(np.einsum("kd,kd->k", normals, at - outline))))
+    return end if abs(normals[nearest, 0]) > abs(normals[nearest, 1]) else "flanks"
 
 
 def posts_table(posts: Mapping[str, Results]) -> str:
