@@ -171,7 +171,7 @@ def score(
     """Score every case on the traces; what was scored before is read from the folder.
 
     Returns:
-        By the kind of walls and the case.
+        By the kind of walls and the case, in the order given.
     """
     result: dict[tuple[str, Case], Tally] = {}
     sensings = list(dict.fromkeys(case.sensing for case in cases))
@@ -186,7 +186,7 @@ def score(
                 progress("scoring", n_done * len(jobs) + n + 1, len(todo))
             tallies = dict(zip(what, _tallies(scores, len(what)), strict=True))
             result |= {(walls, case): tallies[case.representation] for case in cases if case.sensing == sensing}
-    return result
+    return {(walls, case): result[walls, case] for walls in paths for case in cases}
 
 
 def run_study(

@@ -30,6 +30,8 @@ def study_text(results: Results, outline: NDArray[np.float64]) -> str:
         parts += [f"**{walls} walls**", counts_table(results, walls), places_table(results, walls, outline)]
         if recommended_margins(results, walls):
             parts.append(margins_table(results, walls))
+        if any(case.panel not in ("base", "margin") for _, case in results):
+            parts.append(variations_table(results, walls))
     if "ghost" in kinds_of_walls:
         parts.append(paper_table(results, "ghost"))
     return "\n\n".join(parts)
@@ -100,6 +102,23 @@ def paper_table(results: Results, walls: str) -> str:
     return _markdown(
         ("representation", "paper", "ours: contacts in time", "ours: contacts within 1 s", "ours: sweeps in collision"),
         rows,
+    )
+
+
+def variations_table(results: Results, walls: str) -> str:
+    """Return one row a setting of each panel but "base" and "margin": share reported in time, false alarms a minute."""
+    rows: dict[tuple[str, str, float], dict[str, str]] = {}
+    for (w, case), tally in results.items():
+        if w == walls and case.panel not in ("base", "margin"):
+            at = summarise(tally)
+            row = rows.setdefault((case.panel, case.setting, case.representation.margin_m), {})
+            row[case.representation.kind] = f"{at.recall:.0%}, {at.false_alarms / max(at.clear_minutes, 1e-9):.1f}"
+    return _markdown(
+        (f"varied, {walls} walls", "setting", "margin", *LABELS.values()),
+        [
+            (panel, setting, f"{margin * 100:g} cm", *(row.get(kind, "-") for kind in LABELS))
+            for (panel, setting, margin), row in rows.items()
+        ],
     )
 
 
