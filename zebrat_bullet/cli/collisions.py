@@ -51,6 +51,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
             bar.update(shown, description=doing, completed=done, total=total)
 
         results = run_study(study, chosen, drives, arguments.workers, on_progress)
+        text = write_report(study, results, posts, out)
         if "posts" in arguments.panels:
             thin = cases(["base", "rays"], sensing, arguments.rays, arguments.margin)
             for field in POSTS:
@@ -58,7 +59,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
                     study, worlds=(field,), drivers=("random-smooth",), n_events=max(study.n_events // 5, 1)
                 )
                 posts[field] = run_study(there, thin, drives / field, arguments.workers, on_progress)
-    text = write_report(study, results, posts, out)
+            text = write_report(study, results, posts, out)
     result: dict[str, Any] = {
         "counts": summaries(results),
         "recommended_margin_m": {
