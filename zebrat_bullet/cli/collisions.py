@@ -22,7 +22,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.detection.cases import POSTS, cases
     from zebrat_bullet.detection.scoring import Sensing
     from zebrat_bullet.detection.study import Study, run_study
-    from zebrat_bullet.detection.summary import recommended_margins, summaries
+    from zebrat_bullet.detection.summary import Results, recommended_margins, summaries
     from zebrat_bullet.report.collision_report import write_misses_mp4, write_report
 
     out = arguments.out or Path("results") / "collisions"
@@ -43,7 +43,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
     )
     panels = ["base", *(panel for panel in arguments.panels if panel not in ("base", "posts"))]
     chosen = cases(panels, sensing, arguments.rays, arguments.margin)
-    posts = {}
+    posts: dict[str, Results] = {}
     with progress_bar(arguments) as bar:
         shown = bar.add_task("driving")
 

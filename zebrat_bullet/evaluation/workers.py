@@ -1,15 +1,27 @@
 """Processes to spread independent jobs over: one a core, one thread each."""
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 
 from threadpoolctl import threadpool_limits
 
 
-def worker_pool(workers: int | None, n_jobs: int) -> ProcessPoolExecutor:
-    """Return a pool of so many processes, one a core if None, and never more than there are jobs."""
-    return ProcessPoolExecutor(min(workers or os.cpu_count() or 1, max(n_jobs, 1)), get_context("spawn"), _one_thread)
+@contextmanager
+def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Yield a pool of so many processes, one a core if None, and never more than there are jobs.
+
+    After an error or Ctrl-C the jobs that have not begun are dropped.
+    """
+    n = min(workers or os.cpu_count() or 1, max(n_jobs, 1))
+    with ProcessPoolExecutor(n, get_context("spawn"), _one_thread) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _one_thread() -> None:

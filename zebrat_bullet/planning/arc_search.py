@@ -3,11 +3,11 @@
 from heapq import heappop, heappush
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.planning.footprint_check import Outline, WallIndex, touches
+from zebrat_bullet.planning.compiled import compiled
+from zebrat_bullet.planning.wall_index import Outline, WallIndex
 
 
 class Field(NamedTuple):
@@ -71,7 +71,7 @@ class Found(NamedTuple):
     last: int
 
 
-@numba.njit(cache=True)
+@compiled
 def distances_to(free: NDArray[np.bool_], row: int, column: int, cell_m: float) -> NDArray[np.float64]:
     """Return the (H, W) length in m of the shortest 8-connected way over free cells to the cell at (row, column)."""
     distances = np.full(free.shape, np.inf)
@@ -93,7 +93,7 @@ def distances_to(free: NDArray[np.bool_], row: int, column: int, cell_m: float) 
     return distances
 
 
-@numba.njit(cache=True)
+@compiled
 def search(
     start: NDArray[np.float64],
     goal: Goal,
@@ -151,14 +151,52 @@ def search(
     return Found(poses, np.array(parents), np.array(taken), np.array(directions), last)
 
 
-@numba.njit(cache=True)
+@compiled
+def touches(walls: WallIndex, outline: Outline, x: float, y: float, yaw: float) -> bool:
+    """Return whether the outline of a car with its rear axle at this pose meets a wall segment."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    column = int(np.floor((x + c * outline.centre_x - s * outline.centre_y - walls.x) / walls.bucket_m))
+    row = int(np.floor((y + s * outline.centre_x + c * outline.centre_y - walls.y) / walls.bucket_m))
+    if not (0 <= column < walls.nx and 0 <= row < walls.ny):
+        return False
+    bucket = row * walls.nx + column
+    for i in range(walls.first[bucket], walls.first[bucket + 1]):
+        if _cuts(walls.segments[walls.entries[i]], outline, x, y, c, s):
+            return True
+    return False
+
+
+@compiled
+def _cuts(segment: NDArray[np.float64], outline: Outline, x: float, y: float, c: float, s: float) -> bool:
+    """Clip a segment by the outline's half-planes (Cyrus and Beck): it cuts the outline where something is left."""
+    ax, ay = segment[0] - x, segment[1] - y
+    dx, dy = segment[2] - segment[0], segment[3] - segment[1]
+    begin, end = 0.0, 1.0
+    for k in range(len(outline.offsets)):
+        nx = c * outline.normals[k, 0] - s * outline.normals[k, 1]
+        ny = s * outline.normals[k, 0] + c * outline.normals[k, 1]
+        outside = nx * ax + ny * ay - outline.offsets[k]
+        slope = nx * dx + ny * dy
+        if slope == 0.0:
+            if outside > 0.0:
+                return False
+        elif slope < 0.0:
+            begin = max(begin, -outside / slope)
+        else:
+            end = min(end, -outside / slope)
+        if begin > end:
+            return False
+    return True
+
+
+@compiled
 def _along(x: float, y: float, yaw: float, curvature: float, length: float) -> tuple[float, float, float]:
     turn = curvature * length
     chord = length if turn == 0.0 else length * np.sin(turn / 2.0) / (turn / 2.0)
     return x + chord * np.cos(yaw + turn / 2.0), y + chord * np.sin(yaw + turn / 2.0), yaw + turn
 
 
-@numba.njit(cache=True)
+@compiled
 def _blocked(
     walls: WallIndex, outline: Outline, x: float, y: float, yaw: float, moves: Moves, a: int, direction: int
 ) -> bool:
@@ -170,7 +208,7 @@ def _blocked(
     return False
 
 
-@numba.njit(cache=True)
+@compiled
 def _key(field: Field, n_yaw: int, x: float, y: float, yaw: float, direction: int) -> int:
     """Return the number of the cell of (x, y, yaw, direction); -1 where it is not worth a visit."""
     row, column = int(np.floor((y - field.y) / field.cell_m)), int(np.floor((x - field.x) / field.cell_m))
@@ -180,7 +218,7 @@ def _key(field: Field, n_yaw: int, x: float, y: float, yaw: float, direction: in
     return (field.ids[row, column] * n_yaw + yaw_cell) * 2 + (1 if direction > 0 else 0)
 
 
-@numba.njit(cache=True)
+@compiled
 def _price(moves: Moves, before: int, move: int, direction_before: int, direction: int) -> float:
     change = abs(moves.steering_rad[move] - moves.steering_rad[before])
     price = moves.length_m + moves.steering_cost * change
@@ -191,13 +229,13 @@ def _price(moves: Moves, before: int, move: int, direction_before: int, directio
     return price
 
 
-@numba.njit(cache=True)
+@compiled
 def _lidar_to_goal(goal: Goal, x: float, y: float, yaw: float) -> float:
     c, s = np.cos(yaw), np.sin(yaw)
     return np.hypot(x + c * goal.lidar_x - s * goal.lidar_y - goal.x, y + s * goal.lidar_x + c * goal.lidar_y - goal.y)
 
 
-@numba.njit(cache=True)
+@compiled
 def _rest(field: Field, goal: Goal, x: float, y: float) -> float:
     """Estimate what is left: the axle need not come nearer than the lidar stands ahead of it."""
     row, column = int((y - field.y) / field.cell_m), int((x - field.x) / field.cell_m)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import ConfigError, PlanError
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, held_radius_m, sweep_factor
 from zebrat_bullet.planning.arc_search import Field, Found, Goal, Moves, distances_to, search
-from zebrat_bullet.planning.footprint_check import WallIndex, index_walls, outline_about_axle
+from zebrat_bullet.planning.wall_index import WallIndex, index_walls, outline_about_axle
 from zebrat_bullet.planning.grid import OccupancyGrid
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2

@@ -2,12 +2,12 @@
 
 import math
 
-import numba
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.geometry import wrap_angle
+from zebrat_bullet.planning.compiled import compiled
 from zebrat_bullet.planning.dwa.config import DwaConfig
 from zebrat_bullet.planning.grid import INSCRIBED, LETHAL
 from zebrat_bullet.types import Pose2
@@ -28,7 +28,7 @@ def outline_points(footprint_base: NDArray[np.float64], padding_m: float, spacin
     return shapely.get_coordinates(shapely.segmentize(padded.exterior, spacing_m))[:-1]
 
 
-@numba.njit(cache=True)
+@compiled
 def obstacle_costs(
     costs: NDArray[np.uint8],
     origin: NDArray[np.float64],
@@ -68,7 +68,7 @@ def obstacle_costs(
     return worst
 
 
-@numba.njit(cache=True)
+@compiled
 def grid_distances(costs: NDArray[np.uint8], targets: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return how many steps to a side neighbour every cell is from the nearest target.
 

@@ -8,15 +8,13 @@ All compiled functions of the band are in this file, because Numba's cache does 
 """
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple, ParamSpec, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-P = ParamSpec("P")
-R = TypeVar("R")
+from zebrat_bullet.planning.compiled import compiled
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Contact = tuple[float, float, float, float, float]
@@ -26,14 +24,6 @@ _STEP = 1e-6  # of the central differences
 # A wall parallel to a side is equally near to both its corners; within this many m (or m squared) their middle counts,
 # so that left and right, which are told apart by rounding alone, are treated alike.
 _TIE = 1e-9
-
-
-def _compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function, and keep the result where there is a place for it: beside this file or in the user's home."""
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # read-only installation and no home
-        return njit(error_model="numpy")(function)
 
 
 class Costs(NamedTuple):
@@ -86,50 +76,50 @@ class Problem(NamedTuple):
     rotate: float
 
 
-@_compiled
+@compiled
 def wrap(angle: float) -> float:
     """Return the same direction in [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@_compiled
+@compiled
 def below(value: float, bound: float, epsilon: float) -> float:
     """Return by how much a value is below a bound, felt `epsilon` early."""
     return max(0.0, bound + epsilon - value)
 
 
-@_compiled
+@compiled
 def outside(value: float, low: float, high: float, epsilon: float) -> float:
     """Return by how much a value is outside [low, high], felt `epsilon` early at both ends."""
     return max(0.0, low + epsilon - value, value - high + epsilon)
 
 
-@_compiled
+@compiled
 def non_holonomic(dx: float, dy: float, yaw: float, next_yaw: float) -> float:
     """Return how far a step is from an arc: 0 where both headings make the same angle with the chord."""
     return (math.cos(yaw) + math.cos(next_yaw)) * dy - (math.sin(yaw) + math.sin(next_yaw)) * dx
 
 
-@_compiled
+@compiled
 def too_tight(distance: float, turn: float, min_radius: float) -> float:
     """Return by how much the turning radius of a step falls short of the smallest one, in m."""
     return 0.0 if turn == 0.0 else below(distance / abs(turn), min_radius, 0.0)
 
 
-@_compiled
+@compiled
 def velocity(dx: float, dy: float, yaw: float, dt: float) -> float:
     """Return the speed of a step in m/s, below 0 in reverse; a smooth sign keeps it differentiable at rest."""
     forward = 100.0 * (dx * math.cos(yaw) + dy * math.sin(yaw))
     return math.hypot(dx, dy) / dt * forward / (1.0 + abs(forward))
 
 
-@_compiled
+@compiled
 def acceleration(before: float, after: float, dt: float) -> float:
     """Return the mean acceleration between two (angular) speeds that lie `dt` apart."""
     return (after - before) / dt
 
 
-@_compiled
+@compiled
 def _nearest_on_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """Return the point of the segment a-b that is nearest to p."""
     dx, dy = bx - ax, by - ay
@@ -138,7 +128,7 @@ def _nearest_on_segment(px: float, py: float, ax: float, ay: float, bx: float, b
     return ax + along * dx, ay + along * dy
 
 
-@_compiled
+@compiled
 def _overlap(outline: Floats, ax: float, ay: float, bx: float, by: float) -> Contact:
     """Return the widest gap along any normal of outline and segment; below 0 it is the depth of their overlap.
 
@@ -174,7 +164,7 @@ def _overlap(outline: Floats, ax: float, ay: float, bx: float, by: float) -> Con
     return best, nx, ny, qx, qy
 
 
-@_compiled
+@compiled
 def _apart(outline: Floats, ax: float, ay: float, bx: float, by: float) -> Contact:
     """Return the distance of a segment from an outline that it does not touch, the unit normal to it, and its point."""
     best, nx, ny, count, sum_x, sum_y = np.inf, 0.0, 0.0, 0, 0.0, 0.0
@@ -198,7 +188,7 @@ def _apart(outline: Floats, ax: float, ay: float, bx: float, by: float) -> Conta
     return distance, nx / distance, ny / distance, sum_x / count, sum_y / count
 
 
-@_compiled
+@compiled
 def clearance(outline: Floats, pose: Floats, segment: Floats, felt: float) -> tuple[float, float, float, float]:
     """Return the distance in m from a convex outline to a wall segment, and its derivatives by x, y and yaw.
 
@@ -219,14 +209,14 @@ def clearance(outline: Floats, pose: Floats, segment: Floats, felt: float) -> tu
     return distance, -(c * nx - s * ny), -(s * nx + c * ny), nx * qy - ny * qx
 
 
-@_compiled
+@compiled
 def distance_to_point(segment: Floats, x: float, y: float) -> float:
     """Return the distance in m of a point from a segment."""
     px, py = _nearest_on_segment(x, y, segment[0], segment[1], segment[2], segment[3])
     return math.hypot(px - x, py - y)
 
 
-@_compiled
+@compiled
 def step_errors(q: Floats, i: int, n: int, problem: Problem, errors: Floats) -> None:
     """Write the eleven errors of a step.
 
@@ -258,7 +248,7 @@ def step_errors(q: Floats, i: int, n: int, problem: Problem, errors: Floats) -> 
         errors[10] = outside(acceleration(omega, 0.0, dt), -alpha, alpha, epsilon)
 
 
-@_compiled
+@compiled
 def step_weights(costs: Costs) -> Floats:
     """Return the weights of `step_errors`, in its order."""
     return np.array(
@@ -278,7 +268,7 @@ def step_weights(costs: Costs) -> Floats:
     )
 
 
-@_compiled
+@compiled
 def pair_errors(q: Floats, costs: Costs, errors: Floats) -> None:
     """Write the two errors of the acceleration between two steps.
 
@@ -296,7 +286,7 @@ def pair_errors(q: Floats, costs: Costs, errors: Floats) -> None:
     errors[1] = outside(acceleration(omega1, omega2, dt), -alpha, alpha, costs.penalty_epsilon)
 
 
-@_compiled
+@compiled
 def obstacle_errors(distance: float, costs: Costs) -> tuple[float, float]:
     """Return the errors of being nearer to a wall than the distance to keep, and than the inflation distance."""
     too_near = below(distance, costs.min_obstacle_dist_m, costs.penalty_epsilon)
@@ -306,13 +296,13 @@ def obstacle_errors(distance: float, costs: Costs) -> tuple[float, float]:
     return too_near, inflated
 
 
-@_compiled
+@compiled
 def _felt(costs: Costs) -> float:
     """Return the distance in m beyond which a wall costs nothing."""
     return max(costs.min_obstacle_dist_m + costs.penalty_epsilon, costs.inflation_dist_m)
 
 
-@_compiled
+@compiled
 def associate(unknowns: Floats, outline: Floats, reach: float, segments: Floats, near: float, cutoff: float) -> Ints:
     """Return (P, 2) int64, which pose feels which wall: all nearer than `near`, and the nearest on each side.
 
@@ -351,7 +341,7 @@ def associate(unknowns: Floats, outline: Floats, reach: float, segments: Floats,
     return pairs[:count]
 
 
-@_compiled
+@compiled
 def band_cost(unknowns: Floats, problem: Problem) -> float:
     """Return the cost of a band: the sum of weight times error squared over all its terms.
 
@@ -378,7 +368,7 @@ def band_cost(unknowns: Floats, problem: Problem) -> float:
     return cost
 
 
-@_compiled
+@compiled
 def normal_equations(unknowns: Floats, problem: Problem) -> tuple[Floats, Floats]:
     """Return J'WJ, (11, 4 N) float64 in LAPACK's lower banded form, and J'We, (4 N,) float64; arguments as `band_cost`.
 
@@ -405,7 +395,7 @@ def normal_equations(unknowns: Floats, problem: Problem) -> tuple[Floats, Floats
     return matrix, gradient
 
 
-@_compiled
+@compiled
 def _add_step(matrix: Floats, gradient: Floats, unknowns: Floats, i: int, problem: Problem) -> None:
     n, base = len(unknowns) // 4, 4 * i
     q, jacobian = unknowns[base : base + 7].copy(), np.empty((11, 7))
@@ -421,7 +411,7 @@ def _add_step(matrix: Floats, gradient: Floats, unknowns: Floats, i: int, proble
     _add(matrix, gradient, base, jacobian, errors, step_weights(problem.costs))
 
 
-@_compiled
+@compiled
 def _add_pair(matrix: Floats, gradient: Floats, unknowns: Floats, i: int, costs: Costs) -> None:
     base = 4 * i
     q, jacobian = unknowns[base : base + 11].copy(), np.empty((2, 11))
@@ -439,7 +429,7 @@ def _add_pair(matrix: Floats, gradient: Floats, unknowns: Floats, i: int, costs:
     _add(matrix, gradient, base, jacobian, errors, np.array([costs.weight_acc_lim_x, costs.weight_acc_lim_theta]))
 
 
-@_compiled
+@compiled
 def _add_obstacles(matrix: Floats, gradient: Floats, unknowns: Floats, problem: Problem) -> None:
     costs, felt, jacobian, errors = problem.costs, _felt(problem.costs), np.empty((2, 3)), np.empty(2)
     weights = np.array([problem.obstacle_scale * costs.weight_obstacle, costs.weight_inflation])
@@ -453,7 +443,7 @@ def _add_obstacles(matrix: Floats, gradient: Floats, unknowns: Floats, problem: 
         _add(matrix, gradient, base, jacobian, errors, weights)
 
 
-@_compiled
+@compiled
 def _add(matrix: Floats, gradient: Floats, base: int, jacobian: Floats, errors: Floats, weights: Floats) -> None:
     """Add a block of errors in consecutive unknowns, from `base` on."""
     n_errors, size = jacobian.shape

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -71,44 +70,6 @@ def index_walls(walls: shapely.MultiPolygon, robot: RobotModel, margin_m: float)
     order = np.argsort(bucket, kind="stable")
     first = np.searchsorted(bucket[order], np.arange(nx * ny + 1))
     return WallIndex(segments, first.astype(np.int64), entries[order].astype(np.int64), x, y, nx, ny)
-
-
-@numba.njit(cache=True)
-def touches(walls: WallIndex, outline: Outline, x: float, y: float, yaw: float) -> bool:
-    """Return whether the outline of a car with its rear axle at this pose meets a wall segment."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    column = int(np.floor((x + c * outline.centre_x - s * outline.centre_y - walls.x) / _BUCKET_M))
-    row = int(np.floor((y + s * outline.centre_x + c * outline.centre_y - walls.y) / _BUCKET_M))
-    if not (0 <= column < walls.nx and 0 <= row < walls.ny):
-        return False
-    bucket = row * walls.nx + column
-    for i in range(walls.first[bucket], walls.first[bucket + 1]):
-        if _cuts(walls.segments[walls.entries[i]], outline, x, y, c, s):
-            return True
-    return False
-
-
-@numba.njit(cache=True)
-def _cuts(segment: NDArray[np.float64], outline: Outline, x: float, y: float, c: float, s: float) -> bool:
-    """Clip a segment by the outline's half-planes (Cyrus and Beck): it cuts the outline where something is left."""
-    ax, ay = segment[0] - x, segment[1] - y
-    dx, dy = segment[2] - segment[0], segment[3] - segment[1]
-    begin, end = 0.0, 1.0
-    for k in range(len(outline.offsets)):
-        nx = c * outline.normals[k, 0] - s * outline.normals[k, 1]
-        ny = s * outline.normals[k, 0] + c * outline.normals[k, 1]
-        outside = nx * ax + ny * ay - outline.offsets[k]
-        slope = nx * dx + ny * dy
-        if slope == 0.0:
-            if outside > 0.0:
-                return False
-        elif slope < 0.0:
-            begin = max(begin, -outside / slope)
-        else:
-            end = min(end, -outside / slope)
-        if begin > end:
-            return False
-    return True
 
 
 def _segments(walls: shapely.MultiPolygon) -> NDArray[np.float64]:
