@@ -20,7 +20,7 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
         try:
             yield pool
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
             raise
 
 
