@@ -171,10 +171,11 @@ class CollisionChecker:
 
     def _rays(self, region: SafetyRegion, scan: FlatScan) -> Finding:
         clearance = region.measure(scan)
-        gaps = clearance.obs_m - clearance.range_m
-        nearest = int(gaps.argmin())
-        if clearance.obs_m[nearest] >= scan.range_max_m:
+        seen = clearance.obs_m < scan.range_max_m
+        if not seen.any():
             return _NOTHING
+        gaps = np.where(seen, clearance.obs_m - clearance.range_m, np.inf)
+        nearest = int(gaps.argmin())
         return Finding(clearance.collision, float(gaps[nearest]), float(self._bearings[region.indices[nearest]]))
 
     def _bearing(self, pose: Pose2, point_world: Iterable[float]) -> float:

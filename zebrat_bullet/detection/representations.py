@@ -1,5 +1,6 @@
 """The four representations of a scan, with as many rays and as wide a margin as one likes."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -32,8 +33,10 @@ class Representation:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ConfigError(f"no representation {self.kind!r}; there are {', '.join(KINDS)}")
-        if (self.kind == "cloud") != (self.n_rays == 0):
+        if self.n_rays < 0 or (self.kind == "cloud") != (self.n_rays == 0):
             raise ConfigError(f"n_rays is 0 for the cloud and above 0 otherwise, got {self.n_rays} for {self.kind}")
+        if not 0.0 <= self.margin_m < math.inf:
+            raise ConfigError(f"margin_m must be at least 0, got {self.margin_m}")
 
 
 def fires(
@@ -57,7 +60,8 @@ def fires(
 def region_of(what: Representation, robot: str, n_bearings: int) -> SafetyRegion:
     """Return the region with the number of rays nearest to the one asked for, on an outline with the margin.
 
-    Algorithm 1 takes a spacing, not a number: a spacing that gives so many rays is searched for.
+    Algorithm 1 takes a spacing, not a number: a spacing that gives so many rays is searched for. None may: every axis
+    and corner takes a ray, so a hexagon has 10 or more, and mirrored sides gain theirs together.
     """
     model = load_robot(robot)
     low, high = 1e-3, 10.0

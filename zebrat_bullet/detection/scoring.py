@@ -38,6 +38,20 @@ class Sensing:
     flatten: FlattenConfig = field(default_factory=FlattenConfig)
     rate_hz: float = 5.0
 
+    def steps_between(self, physics_hz: float) -> int:
+        """Return the physics steps between two sweeps.
+
+        Raises:
+            ConfigError: they are no whole number.
+        """
+        steps = physics_hz / self.rate_hz if self.rate_hz > 0 else 0.0
+        if steps < 1 or abs(steps - round(steps)) > 1e-6:
+            raise ConfigError(
+                f"sweeps at {self.rate_hz:g} Hz do not fall on physics steps at {physics_hz:g} Hz; "
+                "choose a rate that divides it"
+            )
+        return round(steps)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
@@ -113,12 +127,7 @@ def take_readings(trace: Trace, robot: RobotModel, sensing: Sensing, seed: int) 
     Raises:
         ConfigError: the physics steps between two sweeps are no whole number.
     """
-    every = trace.rate_hz / sensing.rate_hz
-    if every < 1 or abs(every - round(every)) > 1e-6:
-        raise ConfigError(
-            f"sweeps at {sensing.rate_hz:g} Hz do not fall on physics steps at {trace.rate_hz:g} Hz; "
-            "choose a rate that divides it"
-        )
+    every = sensing.steps_between(trace.rate_hz)
     world = load_place(trace.world)
     simulation = Simulation(robot, PhysicsConfig())  # never stepped: the caster "bullet" casts against its walls
     simulation.set_world(world)
@@ -126,7 +135,7 @@ def take_readings(trace: Trace, robot: RobotModel, sensing: Sensing, seed: int) 
     lidar.set_world(world)
     outline = robot.footprint_base - robot.lidar_xyz_base[:2]
     rng = np.random.default_rng([seed, trace.chunk])
-    rows = np.concatenate([np.arange(a, b, round(every)) for a, b in pairwise(trace.first_row)])
+    rows = np.concatenate([np.arange(a, b, every) for a, b in pairwise(trace.first_row)])
     scans = np.empty((len(rows), sensing.lidar.n_bearings), np.float32)
     gaps = np.empty(len(rows))
     for i, row in enumerate(rows):
@@ -134,7 +143,7 @@ def take_readings(trace: Trace, robot: RobotModel, sensing: Sensing, seed: int) 
         scans[i] = lidar.flat(sweep).ranges_m
         gaps[i] = cloud_gap(lidar.cloud(sweep), sensing.flatten, outline)
     simulation.close()
-    return Readings(row=rows, scans=scans, cloud_gaps_m=gaps, every=round(every))
+    return Readings(row=rows, scans=scans, cloud_gaps_m=gaps, every=every)
 
 
 def score_trace(trace: Trace, readings: Readings, representations: Sequence[Representation], robot: str) -> TraceScore:

@@ -11,14 +11,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import TaskConfig, to_json
 from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.places import load_place
 from zebrat_bullet.detection.representations import Representation
 from zebrat_bullet.detection.scoring import Event, Sensing, TraceScore, score_trace, take_readings
-from zebrat_bullet.detection.traces import DRIVERS, WALLS, DriveJob, Trace, load_trace, record_drives, save_trace
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.detection.traces import (
+    DAMAGE,
+    DRIVERS,
+    WALLS,
+    DriveJob,
+    Trace,
+    load_trace,
+    load_unguided,
+    record_drives,
+    save_trace,
+)
+from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.robot import load_robot
 
@@ -55,6 +64,33 @@ class Study:
             raise ConfigError(f"n_events must be at least 1, got {self.n_events}")
         if not (self.worlds and self.drivers and self.walls):
             raise ConfigError("name at least one world, one driver and one kind of walls")
+        names = [job.file_name for walls in self.walls for job in self.jobs(walls, 0)]
+        if len(set(names)) < len(names):
+            raise ConfigError(
+                "worlds (by their files' names, up to the last dot), drivers and walls must differ, got "
+                f"{', '.join(self.worlds)}; {', '.join(self.drivers)}; {', '.join(self.walls)}"
+            )
+
+    def jobs(self, walls: str, round_: int) -> list[DriveJob]:
+        """Return what is driven in a round: every driver in every world.
+
+        Raises:
+            ConfigError: there is no such driver or kind of walls.
+        """
+        return [
+            DriveJob(
+                world=world,
+                driver=driver,
+                walls=walls,
+                seed=self.seed,
+                chunk=round_,
+                n_drives=N_DRIVES,
+                task=self.task,
+                policy=self.policy,
+            )
+            for world in self.worlds
+            for driver in self.drivers
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,17 +112,6 @@ class Tally:
     overlap_sweeps: NDArray[np.int64]
     overlap_reports: NDArray[np.int64]
 
-    @property
-    def recall(self) -> float:
-        """Share of the events that were reported in time."""
-        return float(self.in_time.mean())
-
-    @property
-    def precision(self) -> float:
-        """Events reported in time, of those and the false alarms together; NaN where nothing was reported."""
-        reported = int(self.in_time.sum()) + self.false_alarms
-        return float(self.in_time.sum() / reported) if reported else float("nan")
-
 
 def drive(study: Study, folder: Path, workers: int | None, progress: Progress) -> dict[str, list[Path]]:
     """Drive until there are enough contacts; what lies in the folder already is not driven again.
@@ -100,10 +125,11 @@ def drive(study: Study, folder: Path, workers: int | None, progress: Progress) -
         ConfigError: the folder holds drives of another study, or nobody meets a wall.
         ZebratError: a world, the robot or the policy cannot be loaded; nothing was driven then.
     """
+    load_robot(study.task.robot)
     for world in study.worlds:
         load_place(world)
     if "policy" in study.drivers:
-        load_agent(study.policy, study.task)
+        load_unguided(study.policy, study.task)
     _claim(folder, study)
     with worker_pool(workers, len(study.worlds) * len(study.drivers)) as pool:
         return {walls: _drive_rounds(study, walls, folder / "traces", pool, progress) for walls in study.walls}
@@ -113,8 +139,14 @@ def _claim(folder: Path, study: Study) -> None:
     """Refuse a folder with drives of another study; only the number of events and the kinds of walls may differ."""
     mine = json.loads(to_json(study)) | {"n_events": None, "walls": None}
     path = folder / "study.json"
-    if path.is_file() and json.loads(path.read_text()) != mine:
-        raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")
+    if any(folder.rglob("*.npz")):  # traces, or scores of traces since deleted
+        try:
+            theirs = json.loads(path.read_text())
+        except (OSError, ValueError):
+            theirs = None
+        if theirs != mine:
+            raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")
+        return
     (folder / "traces").mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(mine, indent=2))
 
@@ -123,7 +155,7 @@ def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progre
     paths: list[Path] = []
     n_events = 0
     for round_ in count():
-        jobs = [_job(study, world, driver, walls, round_) for world in study.worlds for driver in study.drivers]
+        jobs = study.jobs(walls, round_)
         todo = [job for job in jobs if not (folder / job.file_name).is_file()]
         for n, future in enumerate(as_completed([pool.submit(_drive_job, job, folder) for job in todo])):
             future.result()
@@ -137,19 +169,6 @@ def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progre
                 f"no drive met a wall in {_IDLE_ROUNDS * len(jobs) * N_DRIVES}; choose other worlds or drivers"
             )
     raise AssertionError
-
-
-def _job(study: Study, world: str, driver: str, walls: str, chunk: int) -> DriveJob:
-    return DriveJob(
-        world=world,
-        driver=driver,
-        walls=walls,
-        seed=study.seed,
-        chunk=chunk,
-        n_drives=N_DRIVES,
-        task=study.task,
-        policy=study.policy,
-    )
 
 
 def _drive_job(job: DriveJob, folder: Path) -> None:
@@ -193,12 +212,16 @@ def run_study(
     study: Study, cases: Sequence[Case], folder: Path, workers: int | None, progress: Progress
 ) -> dict[tuple[str, Case], Tally]:
     """Drive and score; see `drive` and `score`."""
+    for case in cases:
+        case.sensing.steps_between(study.task.physics.rate_hz)
     return score(study, drive(study, folder, workers, progress), cases, folder, workers, progress)
 
 
 def load_event_trace(study: Study, event: Event, folder: Path) -> Trace:
     """Return the trace that holds an event."""
-    return load_trace(folder / "traces" / _job(study, event.world, event.driver, event.walls, event.chunk).file_name)
+    jobs = study.jobs(event.walls, event.chunk)
+    job = next(job for job in jobs if (job.world, job.driver) == (event.world, event.driver))
+    return load_trace(folder / "traces" / job.file_name)
 
 
 def _score_job(path: Path, sensing: Sensing, what: list[Representation], study: Study, folder: Path) -> TraceScore:
@@ -224,10 +247,13 @@ def _save_score(made: TraceScore, path: Path) -> None:
 
 
 def _load_score(path: Path) -> TraceScore:
-    with np.load(path, allow_pickle=False) as file:
-        values = {name: file[name] for name in file.files}
-    events = [Event(**event) for event in json.loads(str(values.pop("events")))]
-    return TraceScore(events=events, clear_s=float(values.pop("clear_s")), **values)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            values = {name: file[name] for name in file.files}
+        events = [Event(**event) for event in json.loads(str(values.pop("events")))]
+        return TraceScore(events=events, clear_s=float(values.pop("clear_s")), **values)
+    except DAMAGE as error:
+        raise ZebratError(f"{path} is not a score ({error}); delete it, and it is scored anew") from error
 
 
 def _tallies(scores: Sequence[TraceScore], n: int) -> Iterator[Tally]:

@@ -1,6 +1,7 @@
 """Drives into walls, every physics step of them kept: the ground truth that representations are scored against."""
 
 import json
+import zipfile
 import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -30,6 +31,8 @@ POLICY_NOISE = 0.5
 AFTER_S = 1.0
 """A drive goes on for so long after it has met a wall."""
 LIMIT_S = 20.0
+DAMAGE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
+"""What reading an .npz that is cut short, spoilt or no .npz at all may raise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,8 +175,22 @@ class _Driver:
 def _agent(job: DriveJob) -> Agent:
     limits = job.task.physics.max_speed_mps, job.task.physics.max_steering_rad
     if job.driver == "policy":
-        return NoisyAgent(load_agent(job.policy, job.task), POLICY_NOISE, *limits)
+        return NoisyAgent(load_unguided(job.policy, job.task), POLICY_NOISE, *limits)
     return RandomAgent(*limits) if job.driver == "random" else SmoothRandomAgent(*limits)
+
+
+def load_unguided(policy: str, task: TaskConfig) -> Agent:
+    """Return the agent behind the driver "policy".
+
+    Raises:
+        ConfigError: it needs to be guided, and no guide rides along here.
+        ZebratError: it cannot be loaded.
+    """
+    agent = load_agent(policy, task)
+    if agent.privileged:
+        needs = ", ".join(sorted(agent.privileged))
+        raise ConfigError(f"the driver 'policy' has its scan alone, {policy} needs {needs}; name an unguided agent")
+    return agent
 
 
 def _drive(
@@ -231,7 +248,7 @@ def load_trace(path: Path) -> Trace:
             if header.pop("schema") != SCHEMA:
                 raise ValueError(f"its schema is not {SCHEMA}")
             return Trace(**header, **{name: file[name] for name in file.files if name != "header"})
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except DAMAGE as error:
         raise ZebratError(
             f"{path} is not a trace ({error}); delete it, and `zebrat collisions` drives it anew"
         ) from error
