@@ -8,7 +8,8 @@ import shapely
 
 from zebrat_bullet.errors import ConfigError, PlanError
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, outlines, sweep_factor
-from zebrat_bullet.planning.wall_index import index_walls, outline_about_axle
+from zebrat_bullet.planning.arc_search import touches
+from zebrat_bullet.planning.footprint_check import index_walls, outline_about_axle
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel

@@ -30,7 +30,7 @@ from zebrat_bullet.planning.teb.costs import (
 from zebrat_bullet.planning.teb.global_path import GlobalPath
 from zebrat_bullet.planning.teb.optimise import Surroundings, optimise
 from zebrat_bullet.planning.teb.oscillation import Oscillation
-from zebrat_bullet.planning.teb.planner import TebPlanner, first_velocity, steering_angle, via_points, wall_segments
+from zebrat_bullet.planning.teb.planner import TebPlanner, first_velocity, steering_angle, via_points
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Pose2
@@ -354,12 +354,6 @@ def planner_among(*boxes: tuple[float, float, float, float]) -> TebPlanner:
 
 def straight_path() -> GlobalPath:
     return GlobalPath(np.column_stack([np.arange(-0.271, 12.0, 0.05), np.zeros(246)]))
-
-
-def test_walls_are_their_edges() -> None:
-    edges = wall_segments(shapely.MultiPolygon([shapely.box(0, 0, 2, 1), shapely.box(5, 5, 6, 6)]))
-    assert edges.shape == (8, 4)
-    assert np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1]).sum() == pytest.approx(6 + 4)
 
 
 def test_an_infeasible_band_stops_the_car_and_halves_the_horizon_for_a_while() -> None:

@@ -11,12 +11,13 @@ import yaml
 from PIL import Image
 
 from zebrat_bullet.assets import asset_folder, list_assets
+from zebrat_bullet.geometry import wall_segments
 from zebrat_bullet.report.track_figure import draw_worlds
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_world, world_summary
 from zebrat_bullet.world.solid import extrude
-from zebrat_bullet.world.validate import open_width, start_area, wall_segments
+from zebrat_bullet.world.validate import open_width, start_area
 
 NAMES = list_assets("worlds", ".yaml")
 ROBOT = load_robot("zebrat")
@@ -119,6 +120,14 @@ def test_inside_a_track_that_turns_back_no_point_is_past_the_line(tmp_path: Path
     assert np.allclose(world.open_line[:, 0], 1.0), "it leaves towards -x, so its own start at x < 1 is on the far side"
     assert not world.past_open_line(0.5, 0.0)
     assert world.past_open_line(0.5, 4.0)
+
+
+def test_the_segments_of_walls_are_the_edges_of_all_their_rings() -> None:
+    hollow = shapely.box(0, 0, 3, 2).difference(shapely.box(1, 0.5, 2, 1.5))
+    edges = wall_segments(shapely.MultiPolygon([hollow, shapely.box(5, 5, 6, 6)]))
+    assert edges.shape == (12, 2, 2)
+    assert np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum() == pytest.approx(10 + 4 + 4)
+    assert wall_segments(shapely.MultiPolygon()).shape == (0, 2, 2)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -38,6 +38,13 @@ def to_world(points_base: NDArray[np.float64], pose: Pose2) -> NDArray[np.float6
     return np.asarray(points_base) @ rotation_2d(pose.yaw).T + (pose.x, pose.y)
 
 
+def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the edges of all outlines as (S, 2, 2) end points."""
+    coordinates, owner = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(walls)), return_index=True)
+    same = owner[1:] == owner[:-1]
+    return np.stack([coordinates[:-1][same], coordinates[1:][same]], axis=1)
+
+
 def footprint_hits(walls: shapely.Geometry, footprint_base: NDArray[np.float64], pose: Pose2) -> bool:
     """Return whether a (K, 2) outline in m, base frame, of a car at `pose` touches the walls."""
     shapely.prepare(walls)  # kept in the geometry: only its first call costs

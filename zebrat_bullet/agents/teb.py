@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
+from zebrat_bullet.planning.arc_path import axle_pose
 from zebrat_bullet.planning.global_plan import plan
 from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
 from zebrat_bullet.planning.teb.config import TebConfig
 from zebrat_bullet.planning.teb.global_path import GlobalPath
-from zebrat_bullet.planning.teb.planner import TebPlanner, rear_axle_pose
+from zebrat_bullet.planning.teb.planner import TebPlanner
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Command, Reading
 
@@ -45,7 +46,7 @@ class TebAgent:
             PlanError: no way leads from the start of the episode to the goal.
         """
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
-        here, goal = rear_axle_pose(reading.state, self._robot)[:2], reading.goal_world
+        here, goal = axle_pose(reading.state.pose, self._robot)[:2], reading.goal_world
         if np.hypot(*(goal - here)) <= self._config.xy_goal_tolerance_m:
             return Command(0.0, 0.0)
         if reading.walls is not self._walls:

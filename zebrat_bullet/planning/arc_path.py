@@ -87,9 +87,14 @@ def axle_pose(base: Pose2, robot: RobotModel) -> NDArray[np.float64]:
     return np.array([base.x + x * math.cos(base.yaw), base.y + x * math.sin(base.yaw), base.yaw])
 
 
+def footprint_about_axle(robot: RobotModel) -> NDArray[np.float64]:
+    """Return the (K, 2) corners of the footprint in m as seen from the rear axle."""
+    return robot.footprint_base - (robot.rear_axle_x_m, 0.0)
+
+
 def outlines(axle_poses: NDArray[np.float64], robot: RobotModel) -> NDArray[np.object_]:
     """Return (M,) polygons: the footprints of cars whose rear axles are at (M, 3) poses."""
-    x, y = (robot.footprint_base - (robot.rear_axle_x_m, 0.0)).T
+    x, y = footprint_about_axle(robot).T
     c, s = np.cos(axle_poses[:, 2:]), np.sin(axle_poses[:, 2:])
     corners = np.stack([axle_poses[:, :1] + c * x - s * y, axle_poses[:, 1:2] + s * x + c * y], axis=-1)
     return shapely.polygons(corners)
@@ -105,11 +110,5 @@ def clearances(axle_poses: NDArray[np.float64], robot: RobotModel, walls: shapel
 
 def sweep_factor(robot: RobotModel, curvature: float) -> float:
     """Return how many metres the fastest point of the footprint moves for a metre of the rear axle on an arc."""
-    x, y = (robot.footprint_base - (robot.rear_axle_x_m, 0.0)).T
+    x, y = footprint_about_axle(robot).T
     return float(np.hypot(1.0 + abs(curvature) * np.abs(y), curvature * x).max())
-
-
-def held_radius_m(robot: RobotModel, point_base: NDArray[np.float64]) -> float:
-    """Return the radius of the largest disc about a (2,) point that the footprint holds; 0 for a point outside it."""
-    footprint, point = shapely.Polygon(robot.footprint_base), shapely.Point(point_base)
-    return float(footprint.exterior.distance(point)) if footprint.contains(point) else 0.0

@@ -1,4 +1,4 @@
-"""The inner loop of Hybrid A*, compiled."""
+"""The inner loop of Hybrid A*, compiled: the search, and whether the car's outline touches a wall, exactly."""
 
 from heapq import heappop, heappush
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.planning.compiled import compiled
-from zebrat_bullet.planning.wall_index import Outline, WallIndex
+from zebrat_bullet.planning.footprint_check import Outline, WallIndex
 
 
 class Field(NamedTuple):

@@ -15,7 +15,8 @@ from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config import PhysicsConfig, from_json
 from zebrat_bullet.errors import PlanError, WorldError
 from zebrat_bullet.geometry import rotation_2d
-from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, held_radius_m, sweep_factor
+from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
+from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel
@@ -164,7 +165,7 @@ def _shortest_m(world: World, robot: RobotModel, open_line: NDArray[np.float64])
     """Return a lower bound for how far the rear axle must drive before the lidar is over the line."""
     lidar, axle = robot.lidar_xyz_base[:2], np.array([robot.rear_axle_x_m, 0.0])
     # The axle's way and then the straight to the lidar together lead to the line, and keep this far from the walls.
-    radius = min(held_radius_m(robot, point) for point in (lidar, axle))
+    radius = min(inscribed_radius_m(robot.footprint_base, point) for point in (lidar, axle))
     to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], open_line, radius)
     return max(0.0, to_line - math.dist(lidar, axle))
 

@@ -81,9 +81,10 @@ class OccupancyGrid:
         return np.asarray(inside.all(axis=-1))
 
 
-def inscribed_radius_m(footprint_base: NDArray[np.float64]) -> float:
-    """Return the radius of the largest circle about the base origin inside a (K, 2) outline in m, base frame."""
-    return float(shapely.Polygon(footprint_base).exterior.distance(shapely.Point(0.0, 0.0)))
+def inscribed_radius_m(outline: NDArray[np.float64], about: ArrayLike = (0.0, 0.0)) -> float:
+    """Return the radius in m of the largest disc about a (2,) point that a (K, 2) outline holds; 0 outside it."""
+    inside, point = shapely.Polygon(outline), shapely.Point(about)
+    return float(inside.exterior.distance(point)) if inside.contains(point) else 0.0
 
 
 def inflate(

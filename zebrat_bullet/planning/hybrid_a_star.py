@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ConfigError, PlanError
-from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, held_radius_m, sweep_factor
+from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
 from zebrat_bullet.planning.arc_search import Field, Found, Goal, Moves, distances_to, search
-from zebrat_bullet.planning.wall_index import WallIndex, index_walls, outline_about_axle
-from zebrat_bullet.planning.grid import OccupancyGrid
+from zebrat_bullet.planning.footprint_check import WallIndex, index_walls, outline_about_axle
+from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 
@@ -188,7 +188,8 @@ def _field(room: _Room, config: HybridAStarConfig) -> Field:
     """Return every cell's distance to the goal, and which cells are worth a visit."""
     grid = OccupancyGrid.of_walls(room.walls, config.cell_m, _PADDING_M, [room.axle[:2], room.goal_world])
     # From centre to centre of two cells, while axle and wall may each be half a diagonal nearer.
-    nearest = held_radius_m(room.robot, np.array([room.robot.rear_axle_x_m, 0.0])) - math.sqrt(2.0) * config.cell_m
+    held = inscribed_radius_m(room.robot.footprint_base, (room.robot.rear_axle_x_m, 0.0))
+    nearest = held - math.sqrt(2.0) * config.cell_m
     free = ~grid.occupied & (grid.distance_m > nearest)
     row, column = grid.cells_of(room.goal_world)
     to_goal = distances_to(free, row, column, config.cell_m)

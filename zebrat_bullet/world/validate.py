@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import WorldError
-from zebrat_bullet.geometry import to_world
+from zebrat_bullet.geometry import to_world, wall_segments
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.world import Start, World
@@ -138,13 +138,6 @@ def _first_early(
 
 def _exit_gate(open_line: NDArray[np.float64], reach_m: float) -> shapely.Polygon:
     return shapely.LineString(open_line).buffer(reach_m, cap_style="flat")
-
-
-def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
-    """Return the edges of all outlines as (S, 2, 2) end points."""
-    coordinates, owner = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(walls)), return_index=True)
-    same = owner[1:] == owner[:-1]
-    return np.stack([coordinates[:-1][same], coordinates[1:][same]], axis=1)
 
 
 def open_width(

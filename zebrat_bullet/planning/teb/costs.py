@@ -4,7 +4,7 @@ A step of the band leads from one pose (x, y, yaw of the rear axle's centre) to 
 are x, y, yaw of each pose and the time to the next, in this order, pose by pose. No term reaches beyond three poses in
 a row, so the normal matrix has 10 diagonals below its main one.
 
-All compiled functions of the band are in this file, because Numba's cache does not notice a change in another one.
+All compiled functions of the band are in this file; `compiled` says why.
 """
 
 import math

@@ -8,7 +8,8 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.geometry import wrap_angle
+from zebrat_bullet.geometry import wall_segments, wrap_angle
+from zebrat_bullet.planning.arc_path import axle_pose, footprint_about_axle, outlines
 from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.teb.band import Band, begin, prune
 from zebrat_bullet.planning.teb.config import TebConfig, costs_for
@@ -40,9 +41,9 @@ class TebPlanner:
     ) -> None:
         self._config, self._robot, self._physics, self._walls = config, robot, physics, walls
         self._costs = costs_for(config, robot, physics)
-        self._outline = robot.footprint_base - (robot.rear_axle_x_m, 0.0)
+        self._outline = footprint_about_axle(robot)
         self._inscribed_m = inscribed_radius_m(self._outline)
-        self._segments = wall_segments(shapely.simplify(walls, _MERGE_M))
+        self._segments = wall_segments(shapely.simplify(walls, _MERGE_M)).reshape(-1, 4)
         self._oscillation = Oscillation(config, physics.control_step_s)
         self._shrunk_until_s = -math.inf
         self.band: Band | None = None
@@ -50,7 +51,7 @@ class TebPlanner:
 
     def plan(self, state: RobotState, path: GlobalPath, time_s: float) -> Command:
         """Return the command for this control step; it stops the car where no feasible band was found."""
-        start = rear_axle_pose(state, self._robot)
+        start = axle_pose(state.pose, self._robot)
         shrunk = 0.5 if time_s < self._shrunk_until_s else 1.0
         local, goal_yaw = path.ahead(start[:2], self._config.max_global_plan_lookahead_dist_m, shrunk)
         goal = np.array([*local[-1], goal_yaw])
@@ -101,10 +102,7 @@ class TebPlanner:
             step[2] = wrap_angle(step[2])
             n = max(1, math.ceil(math.hypot(step[0], step[1]) / self._inscribed_m))
             parts.append(pose + np.arange(1, n + 1)[:, None] / n * step)
-        x, y, yaw = np.vstack(parts).T[..., None]
-        px, py = self._outline.T
-        corners = np.stack([x + np.cos(yaw) * px - np.sin(yaw) * py, y + np.sin(yaw) * px + np.cos(yaw) * py], axis=-1)
-        return not shapely.intersects(self._walls, shapely.polygons(corners)).any()
+        return not shapely.intersects(self._walls, outlines(np.vstack(parts), self._robot)).any()
 
     def _saturate(self, v: float, omega: float) -> tuple[float, float]:
         costs = self._costs
@@ -113,20 +111,6 @@ class TebPlanner:
             min(max(v, -costs.max_vel_x_backwards_mps), costs.max_vel_x_mps),
             min(max(omega, -limit), limit),
         )
-
-
-def rear_axle_pose(state: RobotState, robot: RobotModel) -> NDArray[np.float64]:
-    """Return (3,) float64, x, y in m and yaw in rad of the rear axle's centre in the world."""
-    pose = state.pose
-    x = pose.x + robot.rear_axle_x_m * math.cos(pose.yaw)
-    y = pose.y + robot.rear_axle_x_m * math.sin(pose.yaw)
-    return np.array([x, y, pose.yaw])
-
-
-def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
-    """Return (S, 4) float64, x and y in m of both ends of each edge of the walls."""
-    rings = [np.array(ring.coords) for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(walls)))]
-    return np.vstack([np.empty((0, 4)), *(np.hstack([ring[:-1], ring[1:]]) for ring in rings)])
 
 
 def via_points(local: NDArray[np.float64], separation_m: float) -> NDArray[np.float64]:

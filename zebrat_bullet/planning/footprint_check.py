@@ -1,4 +1,4 @@
-"""Does the car's outline touch a wall? Exact on the wall segments, and fast enough to ask a million times."""
+"""Walls and outline, laid out so that the compiled search can ask a million times whether one touches the other."""
 
 from typing import NamedTuple
 
@@ -6,6 +6,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zebrat_bullet.geometry import wall_segments
+from zebrat_bullet.planning.arc_path import footprint_about_axle
 from zebrat_bullet.robot import RobotModel
 
 _BUCKET_M = 0.25
@@ -18,7 +20,7 @@ class WallIndex(NamedTuple):
         segments: (S, 4) float64, x and y of both ends in m, world frame.
         first: (ny * nx + 1,) int64, where each bucket's entries begin in `entries`.
         entries: segment numbers, bucket after bucket.
-        x, y: lower corner of the grid in m; nx, ny: its buckets.
+        x, y: lower corner of the grid in m; nx, ny: its buckets; bucket_m: edge of one.
     """
 
     segments: NDArray[np.float64]
@@ -28,6 +30,7 @@ class WallIndex(NamedTuple):
     y: float
     nx: int
     ny: int
+    bucket_m: float
 
 
 class Outline(NamedTuple):
@@ -47,7 +50,7 @@ class Outline(NamedTuple):
 
 def outline_about_axle(robot: RobotModel, margin_m: float = 0.0) -> Outline:
     """Return the robot's footprint with every side moved outwards, so no point of it is nearer than the margin."""
-    corners = robot.footprint_base - (robot.rear_axle_x_m, 0.0)
+    corners = footprint_about_axle(robot)
     sides = np.roll(corners, -1, axis=0) - corners
     normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
     centre = corners.mean(axis=0)
@@ -57,7 +60,7 @@ def outline_about_axle(robot: RobotModel, margin_m: float = 0.0) -> Outline:
 
 def index_walls(walls: shapely.MultiPolygon, robot: RobotModel, margin_m: float) -> WallIndex:
     """Sort the segments of the wall outlines into buckets, for footprints enlarged by at most `margin_m`."""
-    segments = _segments(walls)
+    segments = wall_segments(walls)
     corners = robot.footprint_base - robot.footprint_base.mean(axis=0)
     # The enlarged outline has sharp corners, which stand out by more than the margin.
     reach = float(np.hypot(*corners.T).max()) + 2.0 * margin_m + _BUCKET_M
@@ -65,15 +68,8 @@ def index_walls(walls: shapely.MultiPolygon, robot: RobotModel, margin_m: float)
     nx, ny = int((x_end - x) / _BUCKET_M) + 1, int((y_end - y) / _BUCKET_M) + 1
     column, row = np.meshgrid(np.arange(nx), np.arange(ny))
     centres = shapely.points(x + (column.ravel() + 0.5) * _BUCKET_M, y + (row.ravel() + 0.5) * _BUCKET_M)
-    tree = shapely.STRtree(shapely.linestrings(segments.reshape(-1, 2, 2)))
+    tree = shapely.STRtree(shapely.linestrings(segments))
     bucket, entries = tree.query(centres, predicate="dwithin", distance=reach)
     order = np.argsort(bucket, kind="stable")
-    first = np.searchsorted(bucket[order], np.arange(nx * ny + 1))
-    return WallIndex(segments, first.astype(np.int64), entries[order].astype(np.int64), x, y, nx, ny)
-
-
-def _segments(walls: shapely.MultiPolygon) -> NDArray[np.float64]:
-    """Return the (S, 4) edges of all rings."""
-    rings = shapely.get_rings(shapely.get_parts(walls))
-    lines = [np.hstack([points[:-1], points[1:]]) for points in map(shapely.get_coordinates, rings)]
-    return np.concatenate([np.empty((0, 4)), *lines])
+    first = np.searchsorted(bucket[order], np.arange(nx * ny + 1)).astype(np.int64)
+    return WallIndex(segments.reshape(-1, 4), first, entries[order].astype(np.int64), x, y, nx, ny, _BUCKET_M)
