@@ -5,15 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.cli.common import (
-    TRACKS,
-    AddCommand,
-    Result,
-    note,
-    progress_bar,
-)
+from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, note, progress_bar
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.errors import ConfigError, ZebratError
 
 
 def collisions(arguments: argparse.Namespace) -> Result:
@@ -27,6 +21,8 @@ def collisions(arguments: argparse.Namespace) -> Result:
 
     out = arguments.out or Path("results") / "collisions"
     drives = arguments.drives or out
+    if arguments.drives and not drives.is_dir():
+        raise ConfigError(f"--drives takes the --out of an earlier run, got {drives}, which is no folder")
     study = Study(
         worlds=tuple(arguments.worlds),
         drivers=tuple(arguments.drivers),
@@ -69,10 +65,11 @@ def collisions(arguments: argparse.Namespace) -> Result:
     }
     if not arguments.no_video:
         try:
-            result["video"] = str(write_misses_mp4(study, results, drives, out))
+            if video := write_misses_mp4(study, results, drives, out):
+                result["video"] = str(video)
         except (ZebratError, OSError) as error:  # the counts are worth more than the film
             note(arguments, f"no video: {error}")
-    return result, f"{text}\n\ntables, every contact, figures and video: {out}"
+    return result, f"{text}\n\ntables, every contact and figures: {out}"
 
 
 def add(command: AddCommand) -> None:

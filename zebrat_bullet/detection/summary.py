@@ -84,10 +84,11 @@ def event_counts(tally: Tally, count: str) -> NDArray[np.float64]:
 def relative_difference(tally: Tally, reference: Tally, count: str) -> tuple[float, float, float]:
     """Return how much less a tally counts than a reference on the same events, and its 95 % bootstrap interval.
 
-    -0.2 is a fifth less. The events are drawn anew, in pairs, 2,000 times. All NaN where the reference counts nothing.
+    -0.2 is a fifth less. The events are drawn anew, in pairs, 2,000 times. All NaN where the reference counts nothing,
+    or there is but one event.
     """
     mine, theirs = event_counts(tally, count), event_counts(reference, count)
-    if not theirs.any():
+    if not theirs.any() or len(theirs) < 2:
         return (float("nan"),) * 3
 
     def difference(a: NDArray[np.float64], b: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
@@ -102,6 +103,11 @@ def relative_difference(tally: Tally, reference: Tally, count: str) -> tuple[flo
 def base_tallies(results: Results, walls: str) -> dict[str, Tally]:
     """Return the base case of each representation."""
     return {c.representation.kind: t for (w, c), t in results.items() if w == walls and c.panel == "base"}
+
+
+def base_cases(results: Results) -> dict[str, Case]:
+    """Return the base case of each representation itself: the same with either kind of walls."""
+    return {case.representation.kind: case for _, case in results if case.panel == "base"}
 
 
 def summaries(results: Results) -> dict[str, dict[str, dict[str, object]]]:

@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from zebrat_bullet.detection.cases import Case
-from zebrat_bullet.detection.representations import KINDS, Representation, region_of
+from zebrat_bullet.detection.representations import KINDS, region_of
 from zebrat_bullet.detection.study import Tally
 from zebrat_bullet.detection.summary import (
     COUNTS,
     PAPER_COUNTS,
     Results,
+    base_cases,
     base_tallies,
     event_counts,
     relative_difference,
@@ -23,6 +24,7 @@ from zebrat_bullet.detection.summary import (
 )
 from zebrat_bullet.report.collisions import LABELS
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.beams import beam_bearings
 
 COLOURS = {"sr": "#2a6f97", "firect": "#e07a3f", "fifr": "#7b5ea7", "cloud": "#7d8a97"}
 _ALARM_SCALE = 20.0
@@ -93,7 +95,7 @@ def draw_misses(results: Results, robot: str, path: Path) -> None:
             for chosen, colour in ((tally.in_time, _SEEN), (late, _LATE), (missed, _MISSED)):
                 axes.scatter(*at[chosen].T, s=5, color=colour, linewidths=0, alpha=0.6, zorder=3)
             if kind != "cloud":
-                _draw_rays(axes, kind, robot)
+                _draw_rays(axes, base_cases(results)[kind], robot)
             share = f"in time {tally.in_time.mean():.0%}, late {late.mean():.0%}, missed {missed.mean():.0%}"
             axes.set_title(f"{LABELS[kind]}, {walls} walls\n{share}", fontsize=9)
             (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - 0.08, outline.max(axis=0) + 0.08
@@ -107,14 +109,14 @@ def draw_misses(results: Results, robot: str, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def _draw_rays(axes: Axes, kind: str, robot: str) -> None:
-    model = load_robot(robot)
-    region = region_of(Representation(kind=kind), robot, 360)
-    bearings = -np.pi + region.indices * (2.0 * np.pi / 360)
-    mount = model.lidar_xyz_base[:2]
+def _draw_rays(axes: Axes, case: Case, robot: str) -> None:
+    n_bearings = case.sensing.lidar.n_bearings
+    region = region_of(case.representation, robot, n_bearings)
+    bearings = beam_bearings(n_bearings)[region.indices]
+    mount = load_robot(robot).lidar_xyz_base[:2]
     ends = mount + region.range_m[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     for end in ends:
-        axes.plot(*np.array([mount, end]).T, color=COLOURS[kind], lw=0.5, alpha=0.5, zorder=1)
+        axes.plot(*np.array([mount, end]).T, color=COLOURS[case.representation.kind], lw=0.5, alpha=0.5, zorder=1)
 
 
 _SWEEPS: dict[str, tuple[str, Callable[[Case], float]]] = {
@@ -127,8 +129,8 @@ _SWEEPS: dict[str, tuple[str, Callable[[Case], float]]] = {
 """By panel: the axis label, and where a case lies on the axis."""
 
 
-def draw_sweeps(results: Results, path: Path) -> bool:
-    """Draw recall, and false alarms a minute, over what was varied, a column a kind of walls; False if nothing was."""
+def draw_sweeps(results: Results, path: Path) -> None:
+    """Draw recall, and false alarms a minute, over what was varied (if anything was), a column a kind of walls."""
     columns = list(dict.fromkeys(walls for walls, _ in results))
     margins = {
         panel: [None]
@@ -139,7 +141,7 @@ def draw_sweeps(results: Results, path: Path) -> bool:
     }
     rows = [(panel, margin) for panel, of_panel in margins.items() for margin in of_panel]
     if not rows:
-        return False
+        return
     figure = Figure(figsize=(4.6 * len(columns), 2.8 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(len(rows), len(columns), squeeze=False)
@@ -154,7 +156,6 @@ def draw_sweeps(results: Results, path: Path) -> bool:
             axes.set_title(f"{walls} walls" + ("" if margin is None else f", margin {100 * margin:g} cm"), fontsize=10)
     grid.flat[0].legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=110)
-    return True
 
 
 def _draw_sweep(axes: Axes, cases: Mapping[Case, Tally], panel: str) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from zebrat_bullet.detection.study import Study, load_event_trace
-from zebrat_bullet.detection.summary import Results
+from zebrat_bullet.detection.summary import Results, base_cases
 from zebrat_bullet.report.collision_figures import draw_counts, draw_misses, draw_sweeps
 from zebrat_bullet.report.collisions import posts_table, study_text, write_cases, write_events
 from zebrat_bullet.report.miss_video import find_misses, write_miss_video
@@ -44,7 +44,8 @@ def write_misses_mp4(study: Study, results: Results, drives: Path, folder: Path)
     misses = find_misses(results, "ghost" if "ghost" in study.walls else "solid")
     if not misses:
         return None
-    scenes = [(kind, event, load_event_trace(study, event, drives)) for kind, event in misses.items()]
+    cases = base_cases(results)
+    scenes = [(cases[kind], event, load_event_trace(study, event, drives)) for kind, event in misses.items()]
     path = folder / "misses.mp4"
     write_miss_video(scenes, study.task.robot, path)
     return path
