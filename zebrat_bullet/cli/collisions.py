@@ -13,7 +13,7 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 def collisions(arguments: argparse.Namespace) -> Result:
     """Drive into walls and count which scan representation reports it; recommend a margin."""
     from zebrat_bullet.config import LidarConfig, NoiseConfig
-    from zebrat_bullet.detection.cases import POSTS, cases
+    from zebrat_bullet.detection.cases import POSTS, cases, post_cases
     from zebrat_bullet.detection.scoring import Sensing
     from zebrat_bullet.detection.study import Study, run_study
     from zebrat_bullet.detection.summary import Results, recommended_margins, summaries
@@ -49,7 +49,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
         results = run_study(study, chosen, drives, arguments.workers, on_progress)
         text = write_report(study, results, posts, out)
         if "posts" in arguments.panels:
-            thin = cases(["base", "rays"], sensing, arguments.rays, arguments.margin)
+            thin = post_cases(sensing, arguments.rays, arguments.margin)
             for field in POSTS:
                 there = replace(
                     study, worlds=(field,), drivers=("random-smooth",), n_events=max(study.n_events // 5, 1)

@@ -16,6 +16,7 @@ RATES_HZ = (5.0, 10.0, 20.0)
 BEARINGS = (180, 360, 720, 1440)
 SIGMAS_M = (0.0, 0.008, 0.02, 0.05)
 DROPOUTS = (0.05, 0.2, 0.5)
+POST_RAYS = (64, 128, 360)
 POSTS = ("posts-0.02", "posts-0.05", "posts-0.1", "posts-0.2")
 
 
@@ -53,6 +54,19 @@ def cases(panels: Sequence[str], base: Sensing, n_rays: int, margins_m: Sequence
     if not margins_m:
         raise ConfigError("name at least one margin")
     return [case for panel in panels for case in PANELS[panel](base, n_rays, margins_m)]
+
+
+def post_cases(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
+    """Return the cases of a field of posts: each kind at each margin, and the safety region with more rays."""
+    made = [
+        what
+        for margin_m in margins_m
+        for what in (
+            *representations(n_rays, margin_m),
+            *(Representation(kind="sr", n_rays=n, margin_m=margin_m) for n in POST_RAYS),
+        )
+    ]
+    return [_case("posts", f"{what.n_rays} rays", base, what) for what in made]
 
 
 def representations(n_rays: int, margin_m: float) -> list[Representation]:

@@ -152,16 +152,16 @@ def _place(event: Event, outline: NDArray[np.float64]) -> str:
 
 
 def posts_table(posts: Mapping[str, Results]) -> str:
-    """Return the share of contacts with thin round posts that is reported in time, by diameter and number of rays."""
-    columns: dict[str, dict[str, str]] = {}
+    """Return the share of contacts with thin round posts that is reported in time, by diameter."""
+    rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for field, results in posts.items():
         for (walls, case), tally in results.items():
             what, at = case.representation, summarise(tally)
-            rays = "" if what.kind == "cloud" else f" {what.n_rays}"
-            column = columns.setdefault(f"{LABELS[what.kind]}{rays}, {walls}", {})
-            column[field] = f"{at.recall:.0%} ({at.recall_ci[0]:.0%}-{at.recall_ci[1]:.0%})"
-    head = ("representation, walls", *(f"{float(field.split('-')[1]) * 100:g} cm" for field in posts))
-    return _markdown(head, [(name, *(column.get(field, "-") for field in posts)) for name, column in columns.items()])
+            rays = "all" if what.kind == "cloud" else str(what.n_rays)
+            row = rows.setdefault((walls, f"{what.margin_m * 100:g} cm", f"{LABELS[what.kind]}, {rays} rays"), {})
+            row[field] = f"{at.recall:.0%} ({at.recall_ci[0]:.0%}-{at.recall_ci[1]:.0%})"
+    head = ("walls", "margin", "representation", *(f"{float(field.split('-')[1]) * 100:g} cm posts" for field in posts))
+    return _markdown(head, [(*name, *(row[field] for field in posts)) for name, row in rows.items()])
 
 
 def write_events(results: Results, path: Path) -> None:
