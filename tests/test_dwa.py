@@ -144,10 +144,39 @@ def test_the_path_is_pruned_behind_the_car_and_cut_at_the_window() -> None:
     assert len(pruned(path, np.array([4.1, 2.0]))) == 0
 
 
+def open_floor() -> OccupancyGrid:
+    """A floor with a wall 5 m behind the origin and nothing else."""
+    return OccupancyGrid.of_walls(shapely.MultiPolygon([shapely.box(-5, -5, -4.9, 5)]), also_inside=[(9.0, 5.0)])
+
+
+def test_prices_are_metres_off_the_path_and_from_its_end_each_times_its_bias(robot: RobotModel) -> None:
+    planner = DwaPlanner(DwaConfig(forward_point_distance_m=0.3), robot, LIMITS, open_floor())
+    planner.follow(np.stack([np.arange(0.025, 2.05, 0.05), np.full(41, 0.175)], axis=1))
+    prices = planner.prices(Pose2(0.025, 0.025, 0.0), np.array([(0.5, 0.0)]))
+    # 0.5 m/s for 1.7 s end at x = 0.875: 3 cells of 0.05 m off the path and 23 before its end at x = 2.025. The nose,
+    # 0.3 m ahead, is as far from the path, and from a point 0.3 m past its end.
+    assert {name: price[0] for name, price in prices.items()} == pytest.approx(
+        {
+            "oscillation": 0.0,
+            "obstacle": 0.0,
+            "path": 0.6 * 0.15,
+            "alignment": 0.6 * 0.15,
+            "goal": 0.8 * (1.15 + 0.15),
+            "goal_front": 0.8 * (1.15 + 0.15),
+        }
+    )
+
+
+def test_near_the_goal_the_nose_may_leave_the_path(robot: RobotModel) -> None:
+    planner = DwaPlanner(DwaConfig(), robot, LIMITS, open_floor())
+    planner.follow(np.stack([np.arange(0.025, 0.3, 0.05), np.full(6, 0.175)], axis=1))
+    prices = planner.prices(Pose2(0.025, 0.025, 0.0), np.array([(0.5, 0.0)]))
+    assert prices["alignment"].tolist() == [0.0] and prices["path"][0] > 0.0
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_car_steers_back_to_a_path_beside_it_the_same_on_both_sides(side: float, robot: RobotModel) -> None:
-    grid = OccupancyGrid.of_walls(shapely.MultiPolygon([shapely.box(-5, -5, -4.9, 5)]), also_inside=[(9.0, 5.0)])
-    planner = DwaPlanner(DwaConfig(), robot, LIMITS, grid)
+    planner = DwaPlanner(DwaConfig(), robot, LIMITS, open_floor())
     planner.follow(np.stack([np.arange(0.0, 8.0, 0.05), np.full(160, 0.525 * side)], axis=1))
     command = planner.command(standing(0.025, 0.025))
     assert command is not None

@@ -52,6 +52,15 @@ def test_astar_finds_a_way_as_short_as_dijkstra_and_both_keep_off_the_walls(name
         assert shapely.distance(world.walls, shapely.LineString(way)) > 0.27
 
 
+def test_the_faster_its_cost_falls_the_nearer_a_wall_is_passed() -> None:
+    wall = shapely.box(2.9, 0.0, 3.1, 2.0)
+    gaps = []
+    for factor in (3.0, 30.0):
+        path = plan(room(wall), (1.0, 1.0), (5.0, 1.0), 0.8, inscribed_radius_m=0.3, cost_scaling_factor=factor)
+        gaps.append(shapely.distance(wall, shapely.LineString(path)))
+    assert gaps[0] > gaps[1] + 0.1
+
+
 def test_a_passage_narrower_than_the_car_is_no_way() -> None:
     grid = room(shapely.box(2.9, 0.0, 3.1, 1.8), shapely.box(2.9, 2.3, 3.1, 4.0))
     with pytest.raises(PlanError, match=r"no way from \(1\.00, 1\.00\) to \(5\.00, 1\.00\).*narrower than 0\.6 m"):

@@ -69,6 +69,7 @@ class DwaAgent:
             goal,
             self.config.inflation_radius_m,
             inscribed_radius_m=self._radius_m,
+            cost_scaling_factor=self.config.cost_scaling_factor,
             method=self.config.global_planner,
         )
         self._dwa.follow(path)

@@ -24,6 +24,7 @@ def plan(
     inflation_radius_m: float,
     *,
     inscribed_radius_m: float,
+    cost_scaling_factor: float = 10.0,
     method: str = "dijkstra",
     tolerance_m: float = 0.25,
 ) -> NDArray[np.float64]:
@@ -34,6 +35,7 @@ def plan(
         start_xy, goal_xy: (2,) m, world frame.
         inflation_radius_m: up to this distance from a wall a cell costs more than a free one.
         inscribed_radius_m: no cell so near to a wall is entered.
+        cost_scaling_factor: how fast that cost falls with the distance, see `inflate`.
         method: "dijkstra" or "astar"; both find a cheapest way.
         tolerance_m: a start or goal that is too near to a wall is moved to the nearest free cell within this distance.
 
@@ -47,7 +49,7 @@ def plan(
     """
     if method not in ("dijkstra", "astar"):
         raise ConfigError(f"method must be 'dijkstra' or 'astar', got {method!r}")
-    costs = inflate(grid, max(inflation_radius_m, inscribed_radius_m), inscribed_radius_m)
+    costs = inflate(grid, max(inflation_radius_m, inscribed_radius_m), inscribed_radius_m, cost_scaling_factor)
     regions, _ = ndimage.label(costs < INSCRIBED, structure=np.ones((3, 3)))
     start = _nearest_free(grid, regions, start_xy, tolerance_m, "start")
     goal = _nearest_free(grid, regions, goal_xy, tolerance_m, "goal")
