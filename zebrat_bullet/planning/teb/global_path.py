@@ -13,9 +13,8 @@ class GlobalPath:
     """A global plan and how far along it the car has come.
 
     Args:
-        points: (N, 2) float64, m, world frame, evenly spaced but for a factor of two. A plan over cells steps in
-            multiples of 45 degrees where ROS's planners follow the smooth gradient of their potential, so it is
-            averaged over 0.4 m first.
+        points: (N, 2) float64, m, world frame, evenly spaced but for a factor of two. A plan over cells has kinks
+            where ROS's planners follow the smooth gradient of their potential, so it is averaged over 0.4 m first.
     """
 
     def __init__(self, points: NDArray[np.float64]) -> None:
