@@ -8,13 +8,20 @@ from multiprocessing import get_context
 
 from threadpoolctl import threadpool_limits
 
+from zebrat_bullet.errors import ConfigError
+
 
 @contextmanager
 def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Yield a pool of so many processes, one a core if None, and never more than there are jobs.
 
     After an error or Ctrl-C the jobs that have not begun are dropped.
+
+    Raises:
+        ConfigError: fewer than one process was asked for.
     """
+    if workers is not None and workers < 1:
+        raise ConfigError(f"the work takes at least 1 worker process, got {workers}")
     n = min(workers or os.cpu_count() or 1, max(n_jobs, 1))
     with ProcessPoolExecutor(n, get_context("spawn"), _one_thread) as pool:
         try:
