@@ -164,3 +164,9 @@ def test_in_an_empty_world_nothing_is_seen(check) -> None:
 def test_a_pose_that_is_not_finite_is_refused(check) -> None:
     with pytest.raises(ConfigError, match="must be finite"):
         check(box_world(), Pose2(0.0, math.inf, 0.0))
+
+
+def test_a_far_wall_ahead_is_the_nearest_although_the_long_tail_sees_nothing_sooner(check) -> None:
+    """Ahead 5.4 m are left of 5.5 m; straight back the beam ends after 6 m, 5.1 m behind the tail."""
+    said = check(box_world(((5.9, 6.1), (-3.0, 3.0), (0.0, 1.0))), Pose2(0.0, 0.0, 0.0))
+    assert said.gaps_m["sr"] == pytest.approx(5.4, abs=1e-3), said.table()

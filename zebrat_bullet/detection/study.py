@@ -139,6 +139,8 @@ def _claim(folder: Path, study: Study) -> None:
     """Refuse a folder with drives of another study; only the number of events and the kinds of walls may differ."""
     mine = json.loads(to_json(study)) | {"n_events": None, "walls": None}
     path = folder / "study.json"
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"a study is kept in a folder, {folder} is a file; name another --out")
     if any(folder.rglob("*.npz")):  # traces, or scores of traces since deleted
         try:
             theirs = json.loads(path.read_text())

@@ -28,7 +28,7 @@ def study_text(results: Results, outline: NDArray[np.float64]) -> str:
     parts = []
     for walls in kinds_of_walls:
         parts += [f"**{walls} walls**", counts_table(results, walls), places_table(results, walls, outline)]
-        if recommended_margins(results, walls):
+        if any(case.panel == "margin" for _, case in results):
             parts.append(margins_table(results, walls))
         if any(case.panel not in ("base", "margin") for _, case in results):
             parts.append(variations_table(results, walls))
@@ -73,17 +73,24 @@ def counts_table(results: Results, walls: str) -> str:
 
 
 def margins_table(results: Results, walls: str) -> str:
-    """Return the margin recommended for each representation."""
-    rows = [
-        (
-            LABELS[kind],
-            f"{margin * 100:.2f} cm",
-            f"{at.recall:.2%} ({at.recall_ci[0]:.1%}-{at.recall_ci[1]:.1%})",
-            f"{at.false_alarms} in {at.clear_minutes:.0f} min",
-            "-" if at.precision is None else f"{at.precision:.1%}",
+    """Return the margin recommended for each representation, or that none of those tried is wide enough."""
+    widest = max(case.representation.margin_m for _, case in results if case.panel == "margin")
+    best = recommended_margins(results, walls)
+    rows = []
+    for kind, label in LABELS.items():
+        if kind not in best:
+            rows.append((label, f"none up to {widest * 100:g} cm", "-", "-", "-"))
+            continue
+        margin, at = best[kind]
+        rows.append(
+            (
+                label,
+                f"{margin * 100:.2f} cm",
+                f"{at.recall:.2%} ({at.recall_ci[0]:.1%}-{at.recall_ci[1]:.1%})",
+                f"{at.false_alarms} in {at.clear_minutes:.0f} min",
+                "-" if at.precision is None else f"{at.precision:.1%}",
+            )
         )
-        for kind, (margin, at) in recommended_margins(results, walls).items()
-    ]
     return _markdown(("representation", "margin for 99.9 %", "recall (95 %)", "false alarms", "precision"), rows)
 
 
