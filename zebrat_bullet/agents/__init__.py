@@ -8,7 +8,6 @@ from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError
-from zebrat_bullet.robot import load_robot
 
 __all__ = ["PRIVILEGES", "Agent", "load_agent"]
 
@@ -62,7 +61,7 @@ def _oracle(task: TaskConfig, settings: Sequence[str]) -> Agent:
     from zebrat_bullet.agents.oracle import OracleAgent
     from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
 
-    return OracleAgent(load_robot(task.robot), task.physics, with_overrides(HybridAStarConfig(), settings))
+    return OracleAgent(with_overrides(HybridAStarConfig(), settings), task)
 
 
 def _dwa(task: TaskConfig, settings: Sequence[str]) -> Agent:

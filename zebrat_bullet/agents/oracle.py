@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from zebrat_bullet.agents.agent import PRIVILEGES
-from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
 from zebrat_bullet.planning.arc_path import ArcPath
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
 from zebrat_bullet.planning.tracking import PathTracker
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Command, Reading
 
 # Left to the tracker, so that it can correct in the tightest bend too.
@@ -30,18 +30,17 @@ class OracleAgent:
     Where there is no way it stands still, and the judge calls it stalled.
 
     Args:
-        robot: the car it drives.
-        physics: the limits of its commands.
-        search: the planner; its steering is lessened by a reserve for the tracker as long as that leaves a way.
+        config: the planner; its steering is lessened by a reserve for the tracker as long as that leaves a way.
+        task: the task it drives in: the car and the limits of its commands.
     """
 
     name = "oracle"
     privileged = PRIVILEGES
 
-    def __init__(self, robot: RobotModel, physics: PhysicsConfig, search: HybridAStarConfig) -> None:
-        self._robot, self._physics = robot, physics
-        most = min(search.max_steering_rad, physics.max_steering_rad)
-        self._searches = [replace(search, max_steering_rad=at) for at in (most - _STEERING_RESERVE_RAD, most)]
+    def __init__(self, config: HybridAStarConfig, task: TaskConfig) -> None:
+        self._robot, self._physics = load_robot(task.robot), task.physics
+        most = min(config.max_steering_rad, self._physics.max_steering_rad)
+        self._searches = [replace(config, max_steering_rad=at) for at in (most - _STEERING_RESERVE_RAD, most)]
 
     def reset(self, seed: int) -> None:
         """Forget the plan; the oracle leaves nothing to chance."""

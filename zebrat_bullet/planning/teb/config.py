@@ -94,7 +94,13 @@ class TebConfig:
             )
         if not 3 <= self.min_samples <= self.max_samples:
             raise ConfigError(f"3 <= min_samples <= max_samples, got {self.min_samples} and {self.max_samples}")
-        for name in ("max_vel_x_backwards_mps", "acc_lim_x_mps2", "acc_lim_theta_radps2", "weight_optimaltime"):
+        limits = (
+            "max_global_plan_lookahead_dist_m",
+            "max_vel_x_backwards_mps",
+            "acc_lim_x_mps2",
+            "acc_lim_theta_radps2",
+        )
+        for name in (*limits, "weight_optimaltime"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")
         for name in ("no_inner_iterations", "no_outer_iterations"):
