@@ -189,7 +189,7 @@ def add(command: AddCommand) -> None:
         "--agent",
         required=True,
         nargs="+",
-        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, random, a policy file or a run folder",
+        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder",
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
