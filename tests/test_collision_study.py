@@ -1,6 +1,7 @@
 """The study of representations: its truth, its counts worked out by hand, and what survives a crash."""
 
 import csv
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from zebrat_bullet.detection.study import Study, Tally, run_study
 from zebrat_bullet.detection.summary import recommended_margins, relative_difference, summarise
 from zebrat_bullet.detection.traces import DriveJob, Trace, footprint_distances, load_trace, record_drives, save_trace
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.report.collision_report import write_misses_mp4, write_report
 from zebrat_bullet.robot import load_robot
 
@@ -284,6 +286,15 @@ def test_a_folder_without_drives_is_free_for_another_study_and_one_with_drives_i
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(ConfigError, match="other settings"):
         study._claim(tmp_path, other)
+
+
+def test_after_an_error_the_jobs_that_have_not_begun_are_dropped():
+    with pytest.raises(ZeroDivisionError), worker_pool(1, 50) as pool:
+        jobs = [pool.submit(time.sleep, 0.1) for _ in range(50)]
+        raise ZeroDivisionError
+    assert sum(job.cancelled() for job in jobs) > 40
+    with pytest.raises(ConfigError, match="at least 1 worker process, got 0"), worker_pool(0, 1):
+        pass
 
 
 def test_scores_survive_the_disk(tmp_path, solid):

@@ -21,7 +21,7 @@ from poses import SLACK_M, RayTruth, near_wall_poses, physics_gaps, placed, ray_
 
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import FlattenConfig, LidarConfig, NoiseConfig, PhysicsConfig, SafetyRegionConfig
-from zebrat_bullet.detection.check import RAY_REPRESENTATIONS
+from zebrat_bullet.detection.representations import RAY_REPRESENTATIONS
 from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.cloud_check import cloud_gap

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from poses import placed, ray_truth, upright_world
 
 from zebrat_bullet.config import SafetyRegionConfig
-from zebrat_bullet.detection.check import RAY_REPRESENTATIONS, REPRESENTATIONS, PoseCheck
+from zebrat_bullet.detection.check import REPRESENTATIONS, PoseCheck
+from zebrat_bullet.detection.representations import RAY_REPRESENTATIONS
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zebrat_bullet.detection.representations import KINDS, Representation
+from zebrat_bullet.detection.representations import KINDS, RAY_REPRESENTATIONS, Representation
 from zebrat_bullet.detection.scoring import Sensing
 from zebrat_bullet.errors import ConfigError
 
-WATCHING = ("sr", "firect", "fifr")
 MARGINS_M = tuple(float(margin) for margin in np.arange(0.0, 0.15001, 0.0025).round(4))
 RAYS = (8, 12, 18, 24, 32, 48, 64, 96, 128, 180, 360)
 RATES_HZ = (5.0, 10.0, 20.0)
@@ -86,7 +85,7 @@ def _margin(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case
 
 
 def _rays(base: Sensing, n_rays: int, margins_m: Sequence[float]) -> list[Case]:
-    made = [Representation(kind=k, n_rays=n, margin_m=m) for m in margins_m for n in RAYS for k in WATCHING]
+    made = [Representation(kind=k, n_rays=n, margin_m=m) for m in margins_m for n in RAYS for k in RAY_REPRESENTATIONS]
     return [_case("rays", f"{what.n_rays} rays", base, what) for what in made]
 
 

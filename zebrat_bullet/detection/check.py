@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from zebrat_bullet.config import FlattenConfig, LidarConfig, NoiseConfig, PhysicsConfig, SafetyRegionConfig
+from zebrat_bullet.detection.representations import RAY_REPRESENTATIONS
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.geometry import to_world, wrap_angle
 from zebrat_bullet.robot import load_robot
@@ -20,7 +21,6 @@ from zebrat_bullet.sim.simulation import Simulation, Touch
 from zebrat_bullet.types import FlatScan, PointCloud, Pose2
 from zebrat_bullet.world.world import World
 
-RAY_REPRESENTATIONS = ("sr", "firect", "fifr")
 REPRESENTATIONS = ("polygon", "physics", "cloud", *RAY_REPRESENTATIONS)
 
 

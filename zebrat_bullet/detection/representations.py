@@ -13,7 +13,8 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import SafetyRegion, make_region
 
-KINDS = ("sr", "firect", "fifr", "cloud")
+RAY_REPRESENTATIONS = ("sr", "firect", "fifr")
+KINDS = (*RAY_REPRESENTATIONS, "cloud")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import NoiseConfig
 from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.places import load_place
-from zebrat_bullet.detection.representations import region_of
+from zebrat_bullet.detection.representations import RAY_REPRESENTATIONS, region_of
 from zebrat_bullet.detection.scoring import Event
 from zebrat_bullet.detection.summary import Results, base_tallies
 from zebrat_bullet.detection.traces import Trace
@@ -42,7 +42,7 @@ def find_misses(results: Results, walls: str) -> dict[str, Event]:
     A representation that missed none is absent.
     """
     misses: dict[str, Event] = {}
-    for kind in ("sr", "firect", "fifr"):
+    for kind in RAY_REPRESENTATIONS:
         tally = base_tallies(results, walls)[kind]
         missed = [
             (int(n), -e)
