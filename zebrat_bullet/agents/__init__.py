@@ -85,10 +85,18 @@ def _teb(task: TaskConfig, settings: Sequence[str]) -> Agent:
     return TebAgent(with_overrides(TebConfig(), settings), task)
 
 
+def _teb_tuned(task: TaskConfig, settings: Sequence[str]) -> Agent:
+    from zebrat_bullet.agents.teb import TebAgent
+    from zebrat_bullet.planning.teb.config import TUNED
+
+    return TebAgent(with_overrides(TUNED, settings), task)
+
+
 FACTORIES: dict[str, Factory] = {
     "random": _random,
     "dwa": _dwa,
     "dwa_tuned": _dwa_tuned,
     "teb": _teb,
+    "teb_tuned": _teb_tuned,
     "oracle": _oracle,
 }

@@ -62,7 +62,7 @@ def counts_table(results: Results, walls: str) -> str:
             "contacts reported in time",
             "recall (95 %)",
             "within 1 s",
-            "missed",
+            "not within 1 s",
             "sweeps in collision reported",
             "false alarms",
             "precision",
