@@ -100,7 +100,7 @@ def episode_frames(
             steering_rad=float(_between(record.steering_rad, step, share)),
             time_s=float(time_s),
             terms=dict(zip(record.term_names, record.terms[min(step, len(record.terms) - 1)], strict=True)),
-            title=f"{Path(record.world).stem} · {Path(record.agent).stem}",
+            title=f"{Path(record.world).stem} · {Path(record.agent.partition(':')[0]).stem}",
             status=record.outcome if time_s >= record.duration_s else "",
         )
 
