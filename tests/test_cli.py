@@ -54,6 +54,15 @@ def test_train_writes_a_run_that_evaluate_accepts(tmp_path):
     assert judged["track_2"]["episodes"] == 1
 
 
+def test_robots_are_listed_with_what_their_urdf_says_and_drawn(tmp_path):
+    answer = result("robots", "--draw", "--out", tmp_path / "robots.png")
+    assert list(answer) == ["hexagon", "long", "zebrat"] and answer["hexagon"]["corners"] == 6
+    zebrat_says = answer["zebrat"]
+    assert (zebrat_says["length_m"], zebrat_says["width_m"], zebrat_says["bearings"]) == (1.0, 0.6, 32)
+    assert round(zebrat_says["turning_radius_m"], 3) == 0.819 and zebrat_says["lidar_m"] == [0.4, 0.0, 0.75]
+    assert (tmp_path / "robots.png").stat().st_size > 10_000
+
+
 def test_bench_splits_the_step_for_both_casters():
     answer = result("bench", "--steps", 20, "--world", "track_2")
     assert set(answer) == {"embree", "bullet"}

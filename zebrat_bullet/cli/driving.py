@@ -1,4 +1,4 @@
-"""The commands that drive and look: evaluate, replay, video, worlds, bench."""
+"""The commands that drive and look: evaluate, replay, video, worlds, robots, bench."""
 
 import argparse
 import json
@@ -131,6 +131,24 @@ def worlds(arguments: argparse.Namespace) -> Result:
     return result, text
 
 
+def robots(arguments: argparse.Namespace) -> Result:
+    """List cars with size, turning radius, lidar mount and bearings; draw what each representation watches on them."""
+    from zebrat_bullet.config import LidarConfig, SafetyRegionConfig
+    from zebrat_bullet.report.region_figure import draw_regions
+    from zebrat_bullet.report.tables import robot_summary, robots_table
+    from zebrat_bullet.robot import load_robot
+
+    loaded = [(Path(name).stem, load_robot(name)) for name in arguments.names or list_assets("urdf", ".urdf")]
+    config, n_bearings = SafetyRegionConfig(), LidarConfig().n_bearings
+    result = {name: robot_summary(robot, config, n_bearings) for name, robot in loaded}
+    if arguments.draw:
+        path = arguments.out or Path("results") / "robots.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draw_regions(loaded, config, path)
+        note(arguments, f"drew {path}")
+    return result, robots_table(result)
+
+
 def bench(arguments: argparse.Namespace) -> Result:
     """Time the full environment step and its parts, for both ray casters; with --agent, how long an agent thinks."""
     from zebrat_bullet.bench import bench_agent, bench_text, run_bench
@@ -208,6 +226,10 @@ def add(command: AddCommand) -> None:
     made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png")
     made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
     made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
+
+    made = command(robots)
+    made.add_argument("names", nargs="*", metavar="ROBOT", help="names or URDF files (default: all that are shipped)")
+    made.add_argument("--draw", action="store_true", help="draw what each representation watches into --out FILE.png")
 
     made = command(bench)
     made.add_argument("--world", default="big_track")

@@ -1,12 +1,18 @@
-"""Scores and worlds as Markdown tables: the same text on the terminal, in a results folder and in the README."""
+"""Scores, worlds and robots as Markdown tables: one text for the terminal, a results folder and the README."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from zebrat_bullet.config import PhysicsConfig, SafetyRegionConfig
 from zebrat_bullet.errors import AssetError
 from zebrat_bullet.evaluation.metrics import Score
 from zebrat_bullet.planning.certificate import load_certificate
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.sensing.safety_region import make_region
 
 
 def score_table(scores: Mapping[str, Score]) -> str:
@@ -61,6 +67,35 @@ def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
         metres = ("-" if at[key] is None else f"{at[key]:.2f} m" for key in ("length_m", "narrowest_m"))
         turns = " ".join(f"{turn:+.0f}" for turn in at["turns_deg"] or ()) or "-"
         rows.append(f"| {name} | {' | '.join(metres)} | {turns} | {at['description']} |")
+    return "\n".join(rows)
+
+
+def robot_summary(robot: RobotModel, config: SafetyRegionConfig, n_bearings: int) -> dict[str, Any]:
+    """Return a car's numbers, in m, and how many bearings its safety region has on a scan of `n_bearings`."""
+    length, width = np.ptp(robot.footprint_base, axis=0)
+    return {
+        "length_m": float(length),
+        "width_m": float(width),
+        "corners": len(robot.footprint_base),
+        "wheelbase_m": robot.wheelbase_m,
+        "turning_radius_m": robot.wheelbase_m / math.tan(PhysicsConfig().max_steering_rad),
+        "lidar_m": [float(value) for value in robot.lidar_xyz_base],
+        "bearings": len(make_region(robot, config, n_bearings).indices),
+    }
+
+
+def robots_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return one row a car: size, corners of its outline, wheelbase, turning radius at full lock, lidar, bearings."""
+    rows = [
+        "| robot | size, m | corners | wheelbase | turning radius | lidar at x, y, z | bearings |",
+        "|---" * 7 + "|",
+    ]
+    for name, at in summaries.items():
+        lidar = ", ".join(f"{value:.2f}" for value in at["lidar_m"])
+        rows.append(
+            f"| {name} | {at['length_m']:.2f} x {at['width_m']:.2f} | {at['corners']} | {at['wheelbase_m']:.2f} m "
+            f"| {at['turning_radius_m']:.2f} m | {lidar} | {at['bearings']} |"
+        )
     return "\n".join(rows)
 
 
