@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from boxes import box_world, standing
 
+from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.agent import RandomAgent
 from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.config import (
@@ -175,6 +176,13 @@ def test_a_policy_of_another_number_of_bearings_is_refused_with_both_numbers() -
             run_episode(drive, load_policy("shipped"), seed=0, episode=0)
     finally:
         drive.close()
+
+
+def test_a_policy_is_refused_on_a_car_with_as_many_bearings_that_lie_otherwise() -> None:
+    assert len(make_region(load_robot("hexagon"), SafetyRegionConfig(), 360).indices) == 32
+    with pytest.raises(PolicyError, match="'shipped' was trained on the robot 'zebrat', whose bearings lie otherwise"):
+        load_agent("shipped", TaskConfig(robot="hexagon"))
+    load_agent("shipped", TaskConfig(robot=str(load_robot("zebrat").urdf_path)))
 
 
 def test_the_figure_of_their_regions_is_drawn(tmp_path: Path) -> None:

@@ -4,10 +4,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
-from zebrat_bullet.agents.policy import load_policy
+from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig, with_overrides
-from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.safety_region import make_region
 
 __all__ = ["PRIVILEGES", "Agent", "load_agent"]
 
@@ -26,9 +28,11 @@ def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) ->
     Raises:
         AssetError: there is no such agent; the message lists those there are.
         ConfigError: the agent has no such setting.
-        PolicyError: the file is not a policy of this package.
+        PolicyError: the file is not a policy of this package, or its car watched its outline in another order.
     """
     agent = _load(name_or_path, task)
+    if isinstance(agent, PolicyAgent):
+        _check_bearings(agent, task)
     if noise_sigma == 0.0:
         return agent
     return NoisyAgent(agent, noise_sigma, task.physics.max_speed_mps, task.physics.max_steering_rad)
@@ -49,6 +53,19 @@ def _load(name_or_path: str, task: TaskConfig) -> Agent:
         raise AssetError(
             f"no agent {name_or_path!r}: name one of {known}, a .safetensors policy, or a training run folder"
         ) from error
+
+
+def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
+    """Refuse a policy whose inputs would mean something else on this car, though there be as many of them."""
+    trained_on = policy.provenance.get("config", {}).get("task", {}).get("robot", task.robot)
+    if trained_on == task.robot:
+        return
+    then, now = (make_region(load_robot(r), task.region, task.lidar.n_bearings) for r in (trained_on, task.robot))
+    if (then.back, then.right, then.front, then.left) != (now.back, now.right, now.front, now.left):
+        raise PolicyError(
+            f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "
+            f"those of {task.robot!r}; train one with task.robot={task.robot}"
+        )
 
 
 def _random(task: TaskConfig, settings: Sequence[str]) -> Agent:

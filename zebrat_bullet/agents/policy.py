@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ class PolicyAgent:
         name: what tables call it.
         layers: (weight (out, in), bias (out,)) of each layer, float32.
         observation: how readings are encoded.
-        provenance: how it was trained (config, seed, versions); shown by tools, unused here.
+        provenance: how it was trained (config, seed, versions); `load_agent` looks there for the car.
     """
 
     privileged: frozenset[str] = frozenset()
@@ -35,7 +36,7 @@ class PolicyAgent:
         name: str,
         layers: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
         observation: ObservationSpec,
-        provenance: Mapping[str, object],
+        provenance: Mapping[str, Any],
     ) -> None:
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
 
