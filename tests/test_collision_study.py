@@ -2,7 +2,7 @@
 
 import csv
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from zebrat_bullet.detection.study import Study, Tally, run_study
 from zebrat_bullet.detection.summary import recommended_margins, relative_difference, summarise
 from zebrat_bullet.detection.traces import DriveJob, Trace, footprint_distances, load_trace, record_drives, save_trace
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.npz import save_npz
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.report.collision_report import write_misses_mp4, write_report
 from zebrat_bullet.robot import load_robot
@@ -300,7 +301,7 @@ def test_after_an_error_the_jobs_that_have_not_begun_are_dropped():
 def test_scores_survive_the_disk(tmp_path, solid):
     readings = take_readings(solid, load_robot(), Sensing(), 0)
     made = score_trace(solid, readings, BASE, "zebrat")
-    study._save_score(made, tmp_path / "score.npz")
+    save_npz(tmp_path / "score.npz", study.SCORE_SCHEMA, asdict(made))
     read = study._load_score(tmp_path / "score.npz")
     assert isinstance(read, TraceScore) and read.events == made.events and read.clear_s == made.clear_s
     assert np.array_equal(read.lead_s, made.lead_s, equal_nan=True)

@@ -17,7 +17,6 @@ from zebrat_bullet.detection.places import load_place
 from zebrat_bullet.detection.representations import Representation
 from zebrat_bullet.detection.scoring import Event, Sensing, TraceScore, score_trace, take_readings
 from zebrat_bullet.detection.traces import (
-    DAMAGE,
     DRIVERS,
     WALLS,
     DriveJob,
@@ -28,9 +27,11 @@ from zebrat_bullet.detection.traces import (
     save_trace,
 )
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.robot import load_robot
 
+SCORE_SCHEMA = "zebrat-trace-score-1"
 N_DRIVES = 10
 _IDLE_ROUNDS = 3
 
@@ -234,26 +235,14 @@ def _score_job(path: Path, sensing: Sensing, what: list[Representation], study: 
     trace = load_trace(path)
     readings = take_readings(trace, load_robot(study.task.robot), sensing, study.seed)
     made = score_trace(trace, readings, what, study.task.robot)
-    _save_score(made, kept)
+    save_npz(kept, SCORE_SCHEMA, asdict(made))
     return made
-
-
-def _save_score(made: TraceScore, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    values = asdict(made)
-    events = json.dumps(values.pop("events"))
-    with part.open("wb") as file:
-        np.savez_compressed(file, events=np.array(events), **values)
-    part.replace(path)
 
 
 def _load_score(path: Path) -> TraceScore:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            values = {name: file[name] for name in file.files}
-        events = [Event(**event) for event in json.loads(str(values.pop("events")))]
-        return TraceScore(events=events, clear_s=float(values.pop("clear_s")), **values)
+        values = load_npz(path, SCORE_SCHEMA)
+        return TraceScore(**values | {"events": [Event(**event) for event in values["events"]]})
     except DAMAGE as error:
         raise ZebratError(f"{path} is not a score ({error}); delete it, and it is scored anew") from error
 

@@ -1,7 +1,5 @@
 """Drives into walls, every physics step of them kept: the ground truth that representations are scored against."""
 
-import json
-import zipfile
 import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -15,6 +13,7 @@ from zebrat_bullet.agents.agent import NoisyAgent, RandomAgent, SmoothRandomAgen
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.detection.places import free_pose, load_place
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
 from zebrat_bullet.geometry import footprint_hits, to_world
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sensing.lidar import Lidar
@@ -31,8 +30,6 @@ POLICY_NOISE = 0.5
 AFTER_S = 1.0
 """A drive goes on for so long after it has met a wall."""
 LIMIT_S = 20.0
-DAMAGE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
-"""What reading an .npz that is cut short, spoilt or no .npz at all may raise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,13 +224,7 @@ def footprint_distances(pose: NDArray[np.float64], robot: RobotModel, world: Wor
 
 def save_trace(trace: Trace, path: Path) -> None:
     """Write a trace as .npz without pickles, whole or not at all."""
-    values = {field.name: getattr(trace, field.name) for field in fields(trace)}
-    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    header = {"schema": SCHEMA} | {name: value for name, value in values.items() if name not in arrays}
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
-    part.replace(path)
+    save_npz(path, SCHEMA, {field.name: getattr(trace, field.name) for field in fields(trace)})
 
 
 def load_trace(path: Path) -> Trace:
@@ -243,11 +234,7 @@ def load_trace(path: Path) -> Trace:
         ZebratError: the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            if header.pop("schema") != SCHEMA:
-                raise ValueError(f"its schema is not {SCHEMA}")
-            return Trace(**header, **{name: file[name] for name in file.files if name != "header"})
+        return Trace(**load_npz(path, SCHEMA))
     except DAMAGE as error:
         raise ZebratError(
             f"{path} is not a trace ({error}); delete it, and `zebrat collisions` drives it anew"

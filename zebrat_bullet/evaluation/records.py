@@ -1,6 +1,5 @@
 """The record of an episode: enough to replay it exactly, to judge it and to draw it. A numpy .npz without pickles."""
 
-import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
 
 SCHEMA = "zebrat-episode-1"
 
@@ -74,14 +74,7 @@ class EpisodeRecord:
 
 def save_record(record: EpisodeRecord, path: Path) -> None:
     """Write a record as .npz, whole or not at all."""
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
-    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    header = {"schema": SCHEMA} | {name: value for name, value in values.items() if name not in arrays}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
-    part.replace(path)
+    save_npz(path, SCHEMA, {field.name: getattr(record, field.name) for field in fields(record)})
 
 
 def load_record(path: Path) -> EpisodeRecord:
@@ -91,15 +84,9 @@ def load_record(path: Path) -> EpisodeRecord:
         ZebratError: the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            arrays = {name: file[name] for name in file.files if name != "header"}
-    except (OSError, ValueError, KeyError) as error:
+        values = load_npz(path, SCHEMA)
+        return EpisodeRecord(**values | {name: tuple(values.get(name, ())) for name in ("term_names", "privileged")})
+    except DAMAGE as error:
         raise ZebratError(
             f"{path} is not an episode record ({error}); name an .npz that `zebrat evaluate` wrote"
         ) from error
-    if header.pop("schema") != SCHEMA:
-        raise ZebratError(f"{path} has another schema than {SCHEMA}; write it again with `zebrat evaluate`")
-    for name in ("term_names", "privileged"):
-        header[name] = tuple(header.get(name, ()))
-    return EpisodeRecord(**header, **arrays)
