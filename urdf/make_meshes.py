@@ -4,6 +4,7 @@ They are for show, but for hexagon.stl, which is also the collision shape and so
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -194,7 +195,7 @@ def stack(layers: list[tuple[float, float]]) -> trimesh.Trimesh:
         np.insert(shapely.Polygon(HEXAGON).buffer(-inset, join_style="mitre").exterior.coords[:-1], 2, z, axis=1)
         for z, inset in layers
     ]
-    pairs = zip(rings, rings[1:], strict=False)
+    pairs = pairwise(rings)
     return trimesh.util.concatenate([trimesh.convex.convex_hull(np.concatenate(pair)) for pair in pairs])
 
 
