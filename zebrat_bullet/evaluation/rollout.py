@@ -1,6 +1,7 @@
 """Drives one episode with any agent and records it; the same for the judge, the replay and the video."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -92,15 +93,16 @@ def _check_privileges(agent: Agent) -> None:
 
 
 def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
+    given: dict[str, Any] = {}
     if "pose" in agent.privileged:
-        reading = replace(reading, state=drive.state)
+        given["state"] = drive.state
     if "map" in agent.privileged:
-        reading = replace(reading, walls=drive.world.walls)
+        given["walls"] = drive.world.walls
     if "goal" in agent.privileged:
         if not len(drive.world.waypoints):
             raise WorldError(f"{agent.name} drives to a goal and {drive.world.name} has none; give it waypoints")
-        reading = replace(reading, goal_world=drive.world.waypoints[-1])
-    return reading
+        given["goal_world"] = drive.world.waypoints[-1]
+    return replace(reading, **given) if given else reading
 
 
 def _record(
