@@ -13,20 +13,29 @@ from safetensors.numpy import save_file
 
 from zebrat_bullet.assets import find_asset
 from zebrat_bullet.errors import PolicyError
-from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
 from zebrat_bullet.types import Command, Reading
 
 FORMAT = "zebrat-policy-1"
+HEADS = ("tanh", "clip", "argmax")
+ACTIVATIONS = ("relu", "tanh")
 
 
 class PolicyAgent:
-    """A multilayer perceptron with ReLU layers and a tanh output: observation in, (speed, steering) out.
+    """A multilayer perceptron: observation in, (speed, steering) out.
 
     Args:
         name: what tables call it.
         layers: (weight (out, in), bias (out,)) of each layer, float32.
         observation: how readings are encoded.
         provenance: how it was trained (config, seed, versions); `load_agent` looks there for the car.
+        head: what makes an action of the last layer: "tanh" (DDPG, SAC), "clip" to [-1, 1] (PPO), or "argmax", the
+            index of the largest output in `DISCRETE_COMMANDS` (DQN, discrete PPO).
+        activation: of the hidden layers, "relu" or "tanh".
+
+    Raises:
+        PolicyError: there is no such head or activation, or the last layer has another number of outputs than the head
+            needs.
     """
 
     privileged: frozenset[str] = frozenset()
@@ -37,8 +46,12 @@ class PolicyAgent:
         layers: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
         observation: ObservationSpec,
         provenance: Mapping[str, Any],
+        head: str = "tanh",
+        activation: str = "relu",
     ) -> None:
+        _check(name, len(layers[-1][1]), head, activation)
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
+        self.head, self.activation = head, activation
 
     def reset(self, seed: int) -> None:
         """Do nothing: the policy is deterministic and has no memory."""
@@ -54,15 +67,36 @@ class PolicyAgent:
                 f"policy {self.name!r} expects {self.observation.n_rays} bearings, the reading has "
                 f"{len(reading.clearance.obs_m)}; use the robot and safety region it was trained with"
             )
-        return self.observation.decode(self.action(self.observation.encode(reading)))
+        observation = self.observation.encode(reading)
+        if self.head == "argmax":
+            return self.observation.decode_discrete(int(self.output(observation).argmax()))
+        return self.observation.decode(self.action(observation))
 
     def action(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the (2,) float32 action in [-1, 1] for an encoded observation."""
+        output = self.output(observation)
+        if self.head == "argmax":
+            return np.array(DISCRETE_COMMANDS[int(output.argmax())], dtype=np.float32)
+        return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
+
+    def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32."""
         hidden = observation
         for weight, bias in self.layers[:-1]:
-            hidden = np.maximum(weight @ hidden + bias, 0.0)
+            hidden = weight @ hidden + bias
+            hidden = np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
         weight, bias = self.layers[-1]
-        return np.tanh(weight @ hidden + bias)
+        return weight @ hidden + bias
+
+
+def _check(name: str, n_outputs: int, head: str, activation: str) -> None:
+    if head not in HEADS:
+        raise PolicyError(f"policy {name!r} has the head {head!r}; there are {', '.join(HEADS)}")
+    if activation not in ACTIVATIONS:
+        raise PolicyError(f"policy {name!r} has the activation {activation!r}; there are {', '.join(ACTIVATIONS)}")
+    needed = len(DISCRETE_COMMANDS) if head == "argmax" else 2
+    if n_outputs != needed:
+        raise PolicyError(f"policy {name!r} has {n_outputs} outputs, its head {head!r} needs {needed}; export it again")
 
 
 def save_policy(agent: PolicyAgent, path: Path) -> None:
@@ -74,6 +108,8 @@ def save_policy(agent: PolicyAgent, path: Path) -> None:
         "format": FORMAT,
         "observation": json.dumps(asdict(agent.observation)),
         "provenance": json.dumps(agent.provenance),
+        "head": agent.head,
+        "activation": agent.activation,
     }
     part = path.with_suffix(".part")
     save_file(tensors, part, metadata=header)
@@ -98,4 +134,6 @@ def load_policy(name_or_path: str) -> PolicyAgent:
         raise PolicyError(f"{path} has format {header.get('format')!r}, expected {FORMAT!r}; was it exported by us?")
     layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(len(tensors) // 2)]
     observation = ObservationSpec(**json.loads(header["observation"]))
-    return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]))
+    # Files from before there was a choice name neither.
+    head, activation = header.get("head", "tanh"), header.get("activation", "relu")
+    return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]), head, activation)
