@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import yaml
@@ -168,7 +168,24 @@ REWARD_PRESETS = {
     "fomt": RewardConfig(),
     "fot": RewardConfig(weights={"F": 1.0, "O": 1.0, "T": 1.0}),
     "ft": RewardConfig(weights={"F": 1.0, "T": 1.0}),
+    "wg": RewardConfig(weights={"W": 100.0}),
+    "wg_paper": RewardConfig(weights={"W": 100.0}),
 }
+"""F O M T and its ablations, and waypoint guidance (eq. 9); `wg` and `wg_paper` differ in what goes with them, see
+`with_reward`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationConfig:
+    """What is observed beside V_obs.
+
+    Attributes:
+        last_command: the last speed and steering (paper: 32 + 2 numbers).
+        waypoint: distance and yaw difference to the next waypoint, for guided agents.
+    """
+
+    last_command: bool = True
+    waypoint: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +212,7 @@ class EpisodeConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
-    """The whole task: the car in a world, its senses, its reward and its episode rules."""
+    """The whole task: the car in a world, its senses, its observation, its reward and its episode rules."""
 
     robot: str = "zebrat"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
@@ -203,8 +220,34 @@ class TaskConfig:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     flatten: FlattenConfig = field(default_factory=FlattenConfig)
     region: SafetyRegionConfig = field(default_factory=SafetyRegionConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+
+    @property
+    def guided(self) -> bool:
+        """Whether reward or observation look at the world's waypoints."""
+        return self.observation.waypoint or bool(self.reward.weights.get("W"))
+
+
+_GUIDED_OBSERVATIONS = {
+    "wg": ObservationConfig(waypoint=True),
+    "wg_paper": ObservationConfig(last_command=False, waypoint=True),
+}
+
+
+def with_reward(task: TaskConfig, name: str) -> TaskConfig:
+    """Return the task with a reward preset, and with the observation that it needs.
+
+    The rewards of waypoint guidance observe the next waypoint: "wg" beside the last command (36 numbers), "wg_paper"
+    instead of it (the paper's 32 + 2). The others leave the task's observation as it is.
+
+    Raises:
+        ConfigError: there is no such preset; the message lists those there are.
+    """
+    _require(name in REWARD_PRESETS, f"unknown reward preset {name!r}; valid are: {', '.join(REWARD_PRESETS)}")
+    observation = _GUIDED_OBSERVATIONS.get(name, task.observation)
+    return replace(task, reward=REWARD_PRESETS[name], observation=observation)
 
 
 Config = TypeVar("Config")

@@ -10,7 +10,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from zebrat_bullet.config import REWARD_PRESETS, TaskConfig
+from zebrat_bullet.config import REWARD_PRESETS, TaskConfig, with_reward
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
@@ -45,7 +45,7 @@ def task_options() -> argparse.ArgumentParser:
 def reward_options() -> argparse.ArgumentParser:
     """Return the option of the reward."""
     made = argparse.ArgumentParser(add_help=False)
-    made.add_argument("--reward", choices=sorted(REWARD_PRESETS), default="fomt", help="reward preset")
+    made.add_argument("--reward", choices=tuple(REWARD_PRESETS), default="fomt", help="reward preset")
     return made
 
 
@@ -58,7 +58,7 @@ def noisy_options() -> argparse.ArgumentParser:
 
 def task_of(arguments: argparse.Namespace) -> TaskConfig:
     """Return the task that the options describe."""
-    task = TaskConfig(robot=arguments.robot, reward=REWARD_PRESETS[arguments.reward])
+    task = with_reward(TaskConfig(robot=arguments.robot), arguments.reward)
     task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
     return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise))
 

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import REWARD_PRESETS, NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
@@ -28,7 +28,8 @@ class ZebratEnv(gymnasium.Env):
 
     Args:
         world: a world's name, file or object, or several of them, of which each episode draws one.
-        reward: a preset name ("fomt", "fot", "ft") or a RewardConfig.
+        reward: a preset name ("fomt", "fot", "ft", "wg", "wg_paper", with the observation that it needs) or a
+            RewardConfig; None keeps the task's.
         caster: "bullet" or "embree"; None keeps the task's.
         noise: lidar noise; None keeps the task's.
         discrete: six actions instead of a Box.
@@ -143,12 +144,11 @@ def _task(
     task: TaskConfig, reward: str | RewardConfig | None, caster: str | None, noise: NoiseConfig | None
 ) -> TaskConfig:
     if isinstance(reward, str):
-        if reward not in REWARD_PRESETS:
-            raise ConfigError(f"unknown reward preset {reward!r}; valid are: {', '.join(REWARD_PRESETS)}")
-        reward = REWARD_PRESETS[reward]
+        task = with_reward(task, reward)
+    elif reward is not None:
+        task = replace(task, reward=reward)
     return replace(
         task,
-        reward=reward or task.reward,
         noise=noise or task.noise,
         lidar=replace(task.lidar, caster=caster or task.lidar.caster),
     )
