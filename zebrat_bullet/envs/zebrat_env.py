@@ -125,9 +125,10 @@ class ZebratEnv(gymnasium.Env):
         return self._renderer.frame(live_frame(self.drive, self._reading, self._path, self._terms))
 
     @property
-    def n_episodes(self) -> int:
-        """Episodes of the seed begun so far, the present one included."""
-        return self._n_episodes
+    def episode(self) -> tuple[int, int]:
+        """The seed and the number of the episode under way: `reset(seed=..., options={"episode": ...})` begins it."""
+        assert self._seed is not None, "no episode was begun yet; call reset"
+        return self._seed, self._n_episodes - 1
 
     def close(self) -> None:
         """Release the physics server and the renderer; a second call does nothing."""
