@@ -120,7 +120,7 @@ def test_info_holds_every_term_and_the_reward_is_their_sum():
     env = ZebratEnv("track_2", caster="embree", reward="fot")
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
-    assert set(info["terms"]) == {"F", "O", "M", "T"} and info["terms"]["M"] == 0.0
+    assert set(info["terms"]) == {"F", "O", "M", "T", "W"} and info["terms"]["M"] == 0.0
     assert reward == pytest.approx(sum(info["terms"].values()))
     env.close()
 

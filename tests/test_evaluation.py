@@ -75,7 +75,9 @@ def test_only_declared_privileges_are_shown(drive):
     assert (fair.reading.state, fair.reading.walls, fair.reading.goal_world) == (None, None, None)
     assert guided.reading.state is not None and guided.reading.walls is drive.world.walls
     assert np.array_equal(guided.reading.goal_world, drive.world.waypoints[-1])
-    with pytest.raises(ConfigError, match="no privilege \\['future'\\]; there are \\['goal', 'map', 'pose'\\]"):
+    with pytest.raises(
+        ConfigError, match="no privilege \\['future'\\]; there are \\['goal', 'map', 'pose', 'waypoint'\\]"
+    ):
         run_episode(drive, Straight(frozenset({"future"})), 0, 0)
 
 

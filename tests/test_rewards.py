@@ -82,5 +82,5 @@ def test_presets_are_ablations(region):
 
 
 def test_an_unknown_term_is_refused_with_the_valid_ones():
-    with pytest.raises(ConfigError, match=r"unknown reward term 'X'; valid terms are: F, O, M, T"):
+    with pytest.raises(ConfigError, match=r"unknown reward term 'X'; valid terms are: F, O, M, T, W"):
         Drive(TaskConfig(reward=RewardConfig(weights={"X": 1.0})), load_world("track_1"))

@@ -107,8 +107,21 @@ class Clearance:
 
 
 @dataclass(frozen=True, slots=True)
+class Waypoint:
+    """The next waypoint as seen from the car.
+
+    Attributes:
+        distance_m: from the origin of the base frame.
+        bearing_rad: its direction in the base frame, in [-pi, pi]: the yaw difference of the paper.
+    """
+
+    distance_m: float
+    bearing_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
-    """All an agent may know at a control step; the last three only if it declares the privilege, None otherwise.
+    """All an agent may know at a control step; the last four only if it declares the privilege, None otherwise.
 
     Attributes:
         scan: the flattened lidar scan.
@@ -119,6 +132,7 @@ class Reading:
         state: the true state (privilege "pose").
         walls: the outlines of everything the body can hit, world frame (privilege "map").
         goal_world: (2,) float64, the last waypoint of the world, 1 m past the open-space line (privilege "goal").
+        waypoint: the next waypoint of the world (privilege "waypoint").
     """
 
     scan: FlatScan
@@ -129,3 +143,4 @@ class Reading:
     state: RobotState | None = None
     walls: shapely.MultiPolygon | None = None
     goal_world: NDArray[np.float64] | None = None
+    waypoint: Waypoint | None = None

@@ -6,8 +6,8 @@ import numpy as np
 
 from zebrat_bullet.types import Command, Reading
 
-PRIVILEGES = frozenset({"pose", "map", "goal"})
-"""What an agent may be given beyond the lidar: `Reading.state`, `Reading.walls`, `Reading.goal_world`."""
+PRIVILEGES = frozenset({"pose", "map", "goal", "waypoint"})
+"""What an agent may be given beyond the lidar: `Reading.state`, `walls`, `goal_world` and `waypoint`."""
 
 
 class Agent(Protocol):

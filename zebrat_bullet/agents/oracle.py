@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from zebrat_bullet.agents.agent import PRIVILEGES
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
 from zebrat_bullet.planning.arc_path import ArcPath
@@ -35,7 +34,7 @@ class OracleAgent:
     """
 
     name = "oracle"
-    privileged = PRIVILEGES
+    privileged = frozenset({"pose", "map", "goal"})
 
     def __init__(self, config: HybridAStarConfig, task: TaskConfig) -> None:
         self._robot, self._physics = load_robot(task.robot), task.physics

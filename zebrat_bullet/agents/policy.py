@@ -38,8 +38,6 @@ class PolicyAgent:
             needs.
     """
 
-    privileged: frozenset[str] = frozenset()
-
     def __init__(
         self,
         name: str,
@@ -52,6 +50,7 @@ class PolicyAgent:
         _check(name, len(layers[-1][1]), head, activation)
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
         self.head, self.activation = head, activation
+        self.privileged = frozenset({"waypoint"} if observation.waypoint else ())
 
     def reset(self, seed: int) -> None:
         """Do nothing: the policy is deterministic and has no memory."""

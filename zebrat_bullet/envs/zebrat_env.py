@@ -13,6 +13,7 @@ from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_rew
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
+from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.world import World, load_world
 
 RENDER_SIZE = (640, 480)
@@ -21,7 +22,8 @@ RENDER_SIZE = (640, 480)
 class ZebratEnv(gymnasium.Env):
     """A car-like robot that must find its way out of a narrow place by lidar alone.
 
-    Observation: V_obs in 32 bearings and the last command, float32, scaled to [-1, 1] (`raw=True`: m, m/s, rad).
+    Observation: V_obs in 32 bearings and the last command, under waypoint guidance the next waypoint too, float32,
+    scaled to [-1, 1] (`raw=True`: m, m/s, rad).
     Action: (speed, steering) in [-1, 1], times 0.6 m/s and 0.6 rad (`raw=True`: SI); out of range is clipped, a
     non-finite action raises ActionError and is never simulated. `discrete=True`: six actions, DISCRETE_COMMANDS.
     Each episode is a pure function of the seed given to `reset` and the number of resets since.
@@ -62,6 +64,9 @@ class ZebratEnv(gymnasium.Env):
         self._worlds = [load_world(w) if isinstance(w, str) else w for w in named]
         if not self._worlds:
             raise ConfigError("world is an empty list; name at least one world")
+        if config.guided:
+            for each in self._worlds:
+                check_waypoints(each)
         self.drive = Drive(config, self._worlds[0])
         self.spec_observation = ObservationSpec(
             n_rays=len(self.drive.region.range_m),
@@ -69,6 +74,8 @@ class ZebratEnv(gymnasium.Env):
             max_speed_mps=config.physics.max_speed_mps,
             max_steering_rad=config.physics.max_steering_rad,
             raw=raw,
+            last_command=config.observation.last_command,
+            waypoint=config.observation.waypoint,
         )
         self._discrete = discrete
         self.render_mode = render_mode
@@ -156,12 +163,7 @@ def _task(
 
 
 def _spaces(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:
-    low = np.full(spec.size, -1.0, dtype=np.float32)
-    high = np.ones(spec.size, dtype=np.float32)
-    limits = np.ones(2, dtype=np.float32)
-    if spec.raw:
-        limits = spec.limits
-        low[:-2], high[:-2] = 0.0, spec.range_max_m
-        low[-2:], high[-2:] = -limits, limits
+    low, high = spec.bounds
+    limits = spec.limits if spec.raw else np.ones(2, dtype=np.float32)
     action = spaces.Discrete(len(DISCRETE_COMMANDS)) if discrete else spaces.Box(-limits, limits, dtype=np.float32)
     return spaces.Box(low, high, dtype=np.float32), action

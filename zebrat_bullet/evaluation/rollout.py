@@ -33,12 +33,12 @@ def run_episode(
         world: where; None keeps the drive's world.
 
     Raises:
-        ConfigError: the agent asks for a privilege that there is not.
+        ConfigError: the agent asks for a privilege that there is not, or for waypoints that the world has not.
         WorldError: it asks for the goal of a world without waypoints.
     """
     _check_privileges(agent)
     agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
-    reading = drive.reset(np.random.default_rng([seed, episode]), world)
+    reading = drive.reset(np.random.default_rng([seed, episode]), world, guided="waypoint" in agent.privileged)
     readings, states = [reading], [drive.state]
     commands: list[Command] = []
     steps: list[DriveStep] = []
@@ -102,6 +102,8 @@ def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
         if not len(drive.world.waypoints):
             raise WorldError(f"{agent.name} drives to a goal and {drive.world.name} has none; give it waypoints")
         given["goal_world"] = drive.world.waypoints[-1]
+    if "waypoint" not in agent.privileged and reading.waypoint is not None:
+        given["waypoint"] = None  # the task's reward looks at it, the agent must not
     return replace(reading, **given) if given else reading
 
 

@@ -12,6 +12,7 @@ from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, start_pose
 from zebrat_bullet.task.rewards import RewardInput, check_weights, weighted_terms
+from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
 from zebrat_bullet.types import Command, Pose2, Reading, RobotState
 from zebrat_bullet.world import World
 
@@ -41,12 +42,14 @@ class Drive:
         world: where the first episode takes place; `reset` may name another.
 
     Raises:
-        ConfigError: the reward names an unknown term.
+        ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
         RobotError: the URDF lacks a role.
     """
 
     def __init__(self, config: TaskConfig, world: World) -> None:
         check_weights(config.reward)
+        if config.guided:
+            check_waypoints(world)
         self.config = config
         self.world = world
         self.robot = load_robot(config.robot)
@@ -56,13 +59,24 @@ class Drive:
         self._rules = EpisodeRules(config.episode, self.robot)
         self.state: RobotState
 
-    def reset(self, rng: np.random.Generator, world: World | None = None, pose: Pose2 | None = None) -> Reading:
+    def reset(
+        self,
+        rng: np.random.Generator,
+        world: World | None = None,
+        pose: Pose2 | None = None,
+        *,
+        guided: bool = False,
+    ) -> Reading:
         """Begin an episode and return the first reading.
 
         Args:
             rng: draws the start pose and the lidar noise; the same generator state gives the same episode.
             world: a new world, or None for the last one.
             pose: an exact start pose, or None to draw one as the task says.
+            guided: readings name the next waypoint, also where neither reward nor observation of the task need it.
+
+        Raises:
+            ConfigError: the episode is guided and the world has no waypoints.
         """
         self.world = world or self.world
         self.sim.set_world(self.world)
@@ -70,6 +84,7 @@ class Drive:
         (self._noise_rng,) = rng.spawn(1)
         self.state = self.sim.reset(pose or self._draw_pose(rng))
         self._rules.begin(self.world, self.state)
+        self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
         self._n_steps = 0
         return self._read(Command(0.0, 0.0))
 
@@ -82,9 +97,10 @@ class Drive:
         command = clip_command(command, self.config.physics)
         self.state = self.sim.step(command)
         self._n_steps += 1
+        nearer_m = self._guide.step(self.state.pose) if self._guide else 0.0
         reading = self._read(command)
         outcome = self._rules.judge(self.state, reading.scan, reading.clearance)
-        step = RewardInput(reading.clearance, self.region, self.state.speed_mps, command, self.config.reward)
+        step = RewardInput(reading.clearance, self.region, self.state.speed_mps, command, self.config.reward, nearer_m)
         terms = weighted_terms(step)
         return DriveStep(reading, self._reward(terms, outcome), terms, outcome)
 
@@ -101,7 +117,8 @@ class Drive:
         scan = self.lidar.scan(self.state, self._noise_rng)
         clearance = self.region.measure(scan)
         time_s = self._n_steps * self.config.physics.control_step_s
-        return Reading(scan, clearance, command, self.state.speed_mps, time_s)
+        waypoint = self._guide.waypoint(self.state.pose) if self._guide else None
+        return Reading(scan, clearance, command, self.state.speed_mps, time_s, waypoint=waypoint)
 
     def _reward(self, terms: dict[str, float], outcome: Outcome | None) -> float:
         if outcome is Outcome.COLLISION:

@@ -1,4 +1,4 @@
-"""The reward, a pure function a term (paper, eq. 3-8). To add a term: write one function and name it in TERMS.
+"""The reward, a pure function a term (paper, eq. 3-9). To add a term: write one function and name it in TERMS.
 
 Which terms count, and how much, is `RewardConfig.weights`; every term, weighted, appears in the environment's `info`.
 """
@@ -23,13 +23,17 @@ MIN_GAP_M = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RewardInput:
-    """What a term may look at: the step's clearance, the region's named bearings, measured speed and the command."""
+    """What a term may look at: the step's clearance, the region's named bearings, measured speed and the command.
+
+    `nearer_m` is by how much the step brought the car nearer to the waypoint that was next; 0 in an unguided task.
+    """
 
     clearance: Clearance
     region: SafetyRegion
     speed_mps: float
     command: Command
     config: RewardConfig
+    nearer_m: float = 0.0
 
 
 @lru_cache
@@ -80,11 +84,17 @@ def time_term(step: RewardInput) -> float:
     return -1.0
 
 
+def waypoint_term(step: RewardInput) -> float:
+    """W: how much nearer the car came to the next waypoint, in m, both distances to the same one (eq. 9)."""
+    return step.nearer_m
+
+
 TERMS: dict[str, Callable[[RewardInput], float]] = {
     "F": forward_term,
     "O": obstacle_term,
     "M": middle_term,
     "T": time_term,
+    "W": waypoint_term,
 }
 
 
