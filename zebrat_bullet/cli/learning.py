@@ -18,14 +18,14 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config import REWARD_PRESETS, with_overrides
+from zebrat_bullet.config import with_overrides, with_reward
 
 
 def train(arguments: argparse.Namespace) -> Result:
     """Train a policy, or resume a killed run; leave its learning curve in its folder."""
     from zebrat_bullet.report.curves import draw_learning_curve
     from zebrat_bullet.training import run
-    from zebrat_bullet.training.presets import TRAIN_PRESETS
+    from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 
     folder = arguments.out or Path("runs") / f"{arguments.preset}-seed{arguments.seed}"
     with progress_bar(arguments) as bar:
@@ -39,7 +39,9 @@ def train(arguments: argparse.Namespace) -> Result:
             run.resume(folder, on_progress)
         else:
             config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
-            config = replace(config, task=replace(config.task, reward=REWARD_PRESETS[arguments.reward]))
+            if arguments.algo:
+                config = replace(config, learner=ALGORITHMS[arguments.algo])
+            config = replace(config, task=with_reward(config.task, arguments.reward))
             if arguments.worlds:
                 config = replace(config, worlds=tuple(arguments.worlds))
             run.train(with_overrides(config, arguments.set), folder, on_progress)
@@ -130,10 +132,15 @@ def teleop(arguments: argparse.Namespace) -> Result:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(train, reward_options())
-    made.add_argument("--preset", choices=("paper", "general", "finetune", "quick"), default="paper")
+    made.add_argument("--preset", choices=("paper", "general", "finetune", "quick", "fast"), default="paper")
+    made.add_argument(
+        "--algo",
+        choices=("ddpg", "dqn", "sac", "ppo", "ppo-discrete"),
+        help="with the paper's networks and parameters, instead of the preset's learner",
+    )
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="training worlds instead of the preset's")
     made.add_argument(
-        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. batch_size=128"
+        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. learner.batch_size=128"
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 

@@ -1,5 +1,6 @@
-"""What happens beside the learning: the episode log, noise-free evaluation, checkpoints, progress, the end."""
+"""What happens beside the learning: episode log, noise-free evaluation, watchdog, checkpoints, progress, the end."""
 
+import logging
 import math
 import time
 from collections import deque
@@ -8,22 +9,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
-from zebrat_bullet.agents.policy import save_policy
+from zebrat_bullet.agents.policy import PolicyAgent, save_policy
 from zebrat_bullet.errors import SimulationError
 from zebrat_bullet.evaluation.metrics import Score, score
+from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
-from zebrat_bullet.training.ddpg import PaperDDPG, actor_to_agent
+from zebrat_bullet.training.learners import critic_values, exploration, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
-from zebrat_bullet.training.presets import TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog
 from zebrat_bullet.world import World
 
 RECENT = 20
+N_PROBES, PROBE_EVERY = 64, 4
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +41,6 @@ class Progress:
     steps_per_s: float
     recent_success: float
     best_success: float
-    epsilon: float
 
 
 def rank(result: Score) -> tuple[float, float, float]:
@@ -54,7 +59,10 @@ class RunCallback(BaseCallback):
         observation: how the exported policy encodes readings.
         provenance: what an exported policy says of its origin.
         on_progress: told after every episode.
-        state: episodes begun, steps, wall time and best rank of a resumed run; empty for a new one.
+        state: what the checkpoint of a resumed run says; empty for a new one.
+
+    Attributes:
+        collapse: the collapse that ended the run for a restart, None if none did.
     """
 
     def __init__(
@@ -77,8 +85,12 @@ class RunCallback(BaseCallback):
         self._recent: deque[bool] = deque(maxlen=RECENT)
         self._episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS)
         self._evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS)
-        for log in (self._episodes, self._evaluations):
+        self._findings = CsvLog(folder / "watchdog.csv", WATCHDOG_COLUMNS)
+        for log in (self._episodes, self._evaluations, self._findings):
             log.cut_after(self._episode)
+        self._watchdog = Watchdog(config.watchdog, state.get("watchdog"))
+        self._probes: list[list[float]] = state.get("probes", [])
+        self.collapse: Finding | None = None
         self._due: set[str] = set()
         self._evaluated_at = -1
 
@@ -87,13 +99,15 @@ class RunCallback(BaseCallback):
         self._first_step = self.num_timesteps
 
     def _on_step(self) -> bool:
+        if len(self._probes) < N_PROBES and self.n_calls % PROBE_EVERY == 0:
+            self._probes.append(self.locals["new_obs"][0].tolist())
         for i, info in enumerate(self.locals["infos"]):
             if "outcome" in info:
                 self._finish_episode(i, info)
-        return self._episode < self._config.episodes and not self._out_of_time()
+        return self._share_done() < 1.0 and self.collapse is None
 
     def _on_rollout_start(self) -> None:
-        """Evaluate and save here: the transition is stored, the gradient step done, the next episode begun."""
+        """Evaluate and save here, where nothing is under way: the learner has stored what the last actions did."""
         if "evaluation" in self._due:
             self._evaluate()
         if "checkpoint" in self._due:
@@ -112,21 +126,21 @@ class RunCallback(BaseCallback):
             "episode": self._episode,
             "best": self._best,
             "wall_s": self._wall_s(),
-            "begun": self.training_env.get_attr("n_episodes"),
+            "places": self.training_env.env_method("place"),
+            "watchdog": self._watchdog.state(),
+            "probes": self._probes,
         }
-        save_checkpoint(self._folder / "checkpoint", self._learner, state)
-
-    @property
-    def _learner(self) -> PaperDDPG:
-        assert isinstance(self.model, PaperDDPG)
-        return self.model
+        save_checkpoint(self._folder / "checkpoint", self.model, state)
 
     def _wall_s(self) -> float:
         return self._wall_before + time.monotonic() - self._began
 
-    def _out_of_time(self) -> bool:
-        limit = self._config.max_minutes
-        return limit is not None and self._wall_s() > 60.0 * limit
+    def _share_done(self) -> float:
+        """Return how much of the run is over, by whichever of its limits is nearest."""
+        config = self._config
+        steps = self.num_timesteps / config.steps if config.steps else 0.0
+        time = self._wall_s() / (60.0 * config.max_minutes) if config.max_minutes else 0.0
+        return max(self._episode / config.episodes, steps, time)
 
     def _finish_episode(self, env: int, info: dict[str, Any]) -> None:
         self._episode += 1
@@ -141,7 +155,7 @@ class RunCallback(BaseCallback):
                 "outcome": info["outcome"],
                 "return": round(info["episode"]["r"], 3),
                 "steps": info["episode"]["l"],
-                "epsilon": round(self._learner.epsilon, 4),
+                "epsilon": "" if (epsilon := exploration(self.model)) is None else round(epsilon, 4),
             }
         )
         self.logger.record("episode/outcome_success", float(info["is_success"]))
@@ -157,13 +171,12 @@ class RunCallback(BaseCallback):
                 (self.num_timesteps - self._first_step) / elapsed,
                 sum(self._recent) / len(self._recent),
                 self._best[0] if self._best else 0.0,
-                self._learner.epsilon,
             )
         )
 
-    def _agent(self, name: str) -> Any:
+    def _agent(self, name: str) -> PolicyAgent:
         provenance = self._provenance | {"episodes": self._episode, "total_steps": self.num_timesteps}
-        return actor_to_agent(self._learner, name, self._observation, provenance)
+        return to_agent(self.model, name, self._observation, provenance)
 
     def _evaluate(self) -> None:
         self._refuse_non_finite()
@@ -179,18 +192,36 @@ class RunCallback(BaseCallback):
         if better:
             self._best = rank(result)
             save_policy(agent, self._folder / "best.safetensors")
-            self._learner.save(self._folder / "best.zip")
+            self.model.save(self._folder / "best.zip")
         row = {name: getattr(result, name) for name in ("success", "collision", "fail", "time_s")}
         where = {"episode": self._episode, "total_steps": self.num_timesteps, "wall_s": round(self._wall_s(), 2)}
         self._evaluations.append(where | row | {"best": int(better)})
         self.logger.record("evaluation/success", result.success)
         self.logger.record("evaluation/collision", result.collision)
+        self._watch(records)
+
+    def _watch(self, records: list[EpisodeRecord]) -> None:
+        """Name a collapse in the log, with the episode that shows it."""
+        probe = None
+        if len(self._probes) == N_PROBES:
+            probe = CriticProbe(critic_values(self.model, np.array(self._probes, dtype=np.float32)))
+        for finding in self._watchdog.examine(records, probe, min(self._share_done(), 1.0)):
+            self._findings.append(finding.row(self._episode))
+            path = self._folder / "collapse" / f"episode_{self._episode:05d}_{finding.name}.npz"
+            if finding == self._watchdog.confirmed:
+                path.parent.mkdir(exist_ok=True)
+                save_record(finding.record, path)
+                logger.warning(
+                    "%s: after episode %d: %s: %s; see it by `zebrat replay %s`",
+                    self._folder, self._episode, finding.name, finding.measured, path,
+                )  # fmt: skip
+                if self._config.watchdog.restarts:
+                    self.collapse = finding
 
     def _refuse_non_finite(self) -> None:
-        parameters = [*self._learner.actor.parameters(), *self._learner.critic.parameters()]
-        if all(torch.isfinite(parameter).all() for parameter in parameters):
+        if all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
             return
-        self._learner.save(self._folder / "non_finite.zip")
+        self.model.save(self._folder / "non_finite.zip")
         raise SimulationError(
             f"a network weight is not finite after episode {self._episode}; the learner was saved as "
             f"{self._folder / 'non_finite.zip'}; resume from the checkpoint with lower learning rates"

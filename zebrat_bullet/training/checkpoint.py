@@ -8,20 +8,27 @@ from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.training.ddpg import PaperDDPG
+from zebrat_bullet.training.learners import LEARNERS
 
 
-def save_checkpoint(folder: Path, model: PaperDDPG, state: dict[str, Any]) -> None:
+def save_checkpoint(folder: Path, model: BaseAlgorithm, state: dict[str, Any]) -> None:
     """Write a checkpoint beside the last one and put it in its place only when it is complete."""
     part, old = folder.with_suffix(".part"), folder.with_suffix(".old")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
     model.save(part / "model.zip")
-    model.save_replay_buffer(part / "replay.pkl")
+    if isinstance(model, OffPolicyAlgorithm):
+        model.save_replay_buffer(part / "replay.pkl")
     torch.save(torch.get_rng_state(), part / "torch_rng.pt")
-    randomness = {"python": random.getstate(), "numpy": _numpy_state()}
+    randomness = {
+        "python": random.getstate(),
+        "numpy": _numpy_state(),
+        "actions": model.action_space.np_random.bit_generator.state,
+    }
     (part / "state.json").write_text(json.dumps(state | {"randomness": randomness}))
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
@@ -30,8 +37,10 @@ def save_checkpoint(folder: Path, model: PaperDDPG, state: dict[str, Any]) -> No
     shutil.rmtree(old, ignore_errors=True)
 
 
-def load_checkpoint(folder: Path, env: Any) -> tuple[PaperDDPG, dict[str, Any]]:
+def load_checkpoint(folder: Path, algo: str, env: Any) -> tuple[BaseAlgorithm, dict[str, Any]]:
     """Return the learner and the state of the last complete checkpoint, and restore the random states.
+
+    The learner goes on from its last observation; the environments must be put back there.
 
     Raises:
         ZebratError: there is none.
@@ -40,13 +49,15 @@ def load_checkpoint(folder: Path, env: Any) -> tuple[PaperDDPG, dict[str, Any]]:
         folder = folder.with_suffix(".old")  # killed between the two renames
     if not folder.exists():
         raise ZebratError(f"nothing to resume in {folder.parent}: no checkpoint was written yet; start it anew")
-    model = PaperDDPG.load(folder / "model.zip", env=env, device="cpu")
-    model.load_replay_buffer(folder / "replay.pkl", truncate_last_traj=False)
+    model = LEARNERS[algo].load(folder / "model.zip", env=env, device="cpu", force_reset=False)
+    if isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(folder / "replay.pkl", truncate_last_traj=False)
     state = json.loads((folder / "state.json").read_text())
     randomness = state.pop("randomness")
     version, internal, gauss = randomness["python"]
     random.setstate((version, tuple(internal), gauss))
     np.random.set_state(tuple(randomness["numpy"]))
+    model.action_space.np_random.bit_generator.state = randomness["actions"]
     torch.set_rng_state(torch.load(folder / "torch_rng.pt", weights_only=True))
     return model, state
 

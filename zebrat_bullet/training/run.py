@@ -5,7 +5,6 @@ import platform
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from zebrat_bullet.config import TaskConfig, from_json, to_json
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
@@ -23,13 +21,16 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
-from zebrat_bullet.training.ddpg import build_ddpg
+from zebrat_bullet.training.learners import DISCRETE, build_learner
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
-from zebrat_bullet.training.presets import TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.vec_env import make_vec_env
 from zebrat_bullet.world import World, load_world
 from zebrat_bullet.world.generate import generate_track
 
 STEPS_WITHOUT_END = 10**9
+RESTART = "restart"
+"""Folder within that of a collapsed run, in which the next seed was tried."""
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
 
 
@@ -46,20 +47,17 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     """
     if (folder / "config.json").exists():
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
-    region = make_region(load_robot(config.task.robot), config.task.region, config.task.lidar.n_bearings)
-    if config.mirror and not region.is_symmetric:
-        raise ConfigError(
-            f"mirror=true needs a car whose left is the mirror image of its right, as seen from its lidar; "
-            f"{config.task.robot!r} is not: set mirror=false"
-        )
+    if getattr(config.learner, "mirror", False):
+        _require_symmetry(config.task)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
     _run(config, folder, on_progress, resume=False)
+    _finish(folder)
 
 
 def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
-    """Continue a killed run from its last checkpoint; its settings are read from its folder.
+    """Continue a killed run from its last checkpoint; its settings are read from its folder. A finished one is kept.
 
     Raises:
         ConfigError: the folder holds no run.
@@ -67,33 +65,75 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     """
     if not (folder / "config.json").is_file():
         raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
-    _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
+    if is_finished(folder):
+        return
+    if (folder / RESTART / "config.json").is_file():
+        resume(folder / RESTART, on_progress)
+    else:
+        _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
+    _finish(folder)
+
+
+def is_finished(folder: Path) -> bool:
+    """Return whether the folder holds a run that came to its end."""
+    return (folder / "summary.json").is_file()
+
+
+def _finish(folder: Path) -> None:
+    """Write the summary, whose presence says that the run is over."""
+    summary = summarise(folder)
+    if (folder / RESTART).exists():
+        summary["restarted_in"] = str(folder / RESTART)
+    part = folder / "summary.part"
+    part.write_text(json.dumps(summary, indent=2))
+    part.replace(folder / "summary.json")
 
 
 def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
     torch.set_num_threads(config.threads)
-    torch.set_float32_matmul_precision(config.matmul_precision)
+    algo = config.learner.algo
     eval_worlds, train_worlds = _worlds(config)
-    envs = [ZebratEnv(train_worlds, task=config.task) for _ in range(config.n_envs)]
-    vec_env = DummyVecEnv([partial(Monitor, env) for env in envs])
-    observation = envs[0].spec_observation
+    vec_env = make_vec_env(
+        config.n_envs, config.overlap, world=train_worlds, task=config.task, discrete=algo in DISCRETE
+    )
     judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
-    if resume:
-        model, state = load_checkpoint(folder / "checkpoint", vec_env)
-        vec_env.set_options([{"episode": n - 1} for n in state["begun"]])
-    else:
-        model, state = build_ddpg(config, vec_env, observation), {}
-        if config.init:
-            model.set_parameters(config.init, device="cpu")
-    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    provenance = {"config": json.loads(to_json(config))} | run_versions()
-    callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
+    observation = judge.spec_observation
     try:
-        if state.get("episode", 0) < config.episodes:
-            model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
+        if resume:
+            model, state = load_checkpoint(folder / "checkpoint", algo, vec_env)
+            for i, place in enumerate(state["places"]):
+                vec_env.env_method("go_to", place, indices=i)
+        else:
+            model, state = build_learner(config, vec_env, observation), {}
+            if config.init:
+                model.set_parameters(config.init, device="cpu")
+        model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+        if isinstance(model, OffPolicyAlgorithm):
+            vec_env.meanwhile = lambda: _learn_one_step(model)
+        provenance = {"config": json.loads(to_json(config))} | run_versions()
+        callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
+        model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
     finally:
         vec_env.close()
         judge.close()
+    if callback.collapse is not None:
+        watchdog = replace(config.watchdog, restarts=config.watchdog.restarts - 1)
+        train(replace(config, seed=config.seed + 1, watchdog=watchdog), folder / RESTART, on_progress)
+
+
+def _learn_one_step(model: OffPolicyAlgorithm) -> None:
+    """Do as many gradient steps as there are environments, which step at the same time."""
+    if model.num_timesteps > model.learning_starts:
+        model.train(gradient_steps=model.n_envs, batch_size=model.batch_size)
+
+
+def _require_symmetry(task: TaskConfig) -> None:
+    region = make_region(load_robot(task.robot), task.region, task.lidar.n_bearings)
+    if not region.is_symmetric:
+        raise ConfigError(
+            f"mirror=true needs a car whose left is the mirror image of its right, as seen from its lidar; "
+            f"{task.robot!r} is not: set learner.mirror=false"
+        )
 
 
 def _worlds(config: TrainConfig) -> tuple[list[World], list[World]]:

@@ -26,7 +26,7 @@ class WatchdogConfig:
     Attributes:
         patience: evaluations in a row that must show a collapse before it is confirmed.
         min_share: nothing is confirmed before this share of the run; findings are listed all the same.
-        restart: whether a confirmed collapse ends the run, so that the next seed begins.
+        restarts: how often a confirmed collapse may end the run and the next seed begin.
         most: share of an evaluation's episodes that must show a behaviour.
         critic_change: a critic is frozen if its values move by less than this share of their size between evaluations.
         critic_spread: it is frozen, too, if they differ between observations by less than this share of their size.
@@ -40,7 +40,7 @@ class WatchdogConfig:
 
     patience: int = 3
     min_share: float = 0.3
-    restart: bool = False
+    restarts: int = 0
     most: float = 0.75
     critic_change: float = 1e-3
     critic_spread: float = 1e-3

@@ -1,0 +1,132 @@
+"""The gradient step of DDPG (and of TD3, its kin) without autograd: the learner is what limits training.
+
+What it computes is what `stable_baselines3.TD3.train` does; where it is faster: the products between two hidden layers,
+nine tenths of the work, in bfloat16; no gradients of the critic's weights while the actor learns; fused Adam; target
+networks that follow in one call.
+"""
+
+import torch
+from stable_baselines3 import TD3
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from torch import Tensor, nn
+
+DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
+
+
+class _Mlp:
+    """Forward and backward pass of linear layers with ReLU between; shares its weights with the module it is made of.
+
+    Args:
+        module: Linear and ReLU by turns, a Tanh at the end or not (then `forward` gives what goes into it).
+        dtype: of the products between two hidden layers.
+    """
+
+    def __init__(self, module: nn.Module, dtype: torch.dtype) -> None:
+        linear = [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
+        for parameter in module.parameters():
+            parameter.grad = torch.zeros_like(parameter)
+        self.weights = [layer.weight.data for layer in linear]
+        self.biases = [layer.bias.data for layer in linear]
+        self._gradients = [(layer.weight.grad, layer.bias.grad) for layer in linear]
+        self._inner = range(1, len(linear) - 1)
+        self._dtype = dtype
+        self._low = {i: self.weights[i].to(dtype) for i in self._inner}
+
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All weights and biases."""
+        return [*self.weights, *self.biases]
+
+    def changed(self) -> None:
+        """Must be called after the weights were."""
+        for i, low in self._low.items():
+            low.copy_(self.weights[i])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return (B, n_out) for (B, n_in), and keep what `backward` needs."""
+        self._inputs = [x]
+        self._low_inputs: dict[int, Tensor] = {}
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            if i in self._low:
+                self._low_inputs[i] = x.to(self._dtype)
+                x = torch.mm(self._low_inputs[i], self._low[i].t()).float().add_(bias)
+            else:
+                x = torch.addmm(bias, x, weight.t())
+            if i < last:
+                x.relu_()
+                self._inputs.append(x)
+        return x
+
+    def backward(self, gradient: Tensor, *, weights: bool = True) -> Tensor:
+        """Set the gradients of the weights (or leave them) and return that of the input, given that of the output."""
+        for i in reversed(range(len(self.weights))):
+            low = gradient.to(self._dtype) if i in self._low else gradient
+            if weights:
+                of_weight, of_bias = self._gradients[i]
+                of_weight.copy_(torch.mm(low.t(), self._low_inputs.get(i, self._inputs[i])))
+                torch.sum(gradient, 0, out=of_bias)
+            gradient = torch.mm(low, self._low.get(i, self.weights[i])).float()
+            if i > 0:
+                gradient.mul_(self._inputs[i] > 0)
+        return gradient
+
+
+class DDPGUpdate:
+    """Gradient steps on the networks of a DDPG or TD3 model.
+
+    Args:
+        model: whose networks and optimizers these are; it may be saved and loaded as ever.
+        precision: a key of `DTYPES`.
+    """
+
+    def __init__(self, model: TD3, precision: str) -> None:
+        dtype = DTYPES[precision]
+        self._model = model
+        self._actor, self._actor_target = _Mlp(model.actor.mu, dtype), _Mlp(model.actor_target.mu, dtype)
+        self._critics = [_Mlp(critic, dtype) for critic in model.critic.q_networks]
+        self._critic_targets = [_Mlp(critic, dtype) for critic in model.critic_target.q_networks]
+
+    @torch.no_grad()
+    def critic_step(self, batch: ReplayBufferSamples) -> Tensor:
+        """Fit the critics to r + gamma Q'(s', mu'(s')), for Q' the smallest of the target critics; return the loss."""
+        model = self._model
+        target = torch.tanh(self._actor_target.forward(batch.next_observations))
+        if model.target_noise_clip > 0.0:
+            noise = torch.empty_like(target).normal_(0.0, model.target_policy_noise)
+            target = (target + noise.clamp_(-model.target_noise_clip, model.target_noise_clip)).clamp_(-1.0, 1.0)
+        after = torch.cat([batch.next_observations, target], 1)
+        q_after = self._critic_targets[0].forward(after)
+        for critic in self._critic_targets[1:]:
+            q_after = torch.minimum(q_after, critic.forward(after))
+        goal = batch.rewards + (1.0 - batch.dones) * model.gamma * q_after
+        now = torch.cat([batch.observations, batch.actions], 1)
+        loss = torch.zeros(())
+        for critic in self._critics:
+            error = critic.forward(now) - goal
+            loss += error.square().mean()
+            critic.backward(error * (2.0 / len(error)))
+        model.critic.optimizer.step()
+        for critic in self._critics:
+            critic.changed()
+        return loss
+
+    @torch.no_grad()
+    def actor_step(self, observations: Tensor) -> None:
+        """Move the actor up the first critic's slope, and the targets after their networks."""
+        model = self._model
+        action = torch.tanh(self._actor.forward(observations))
+        self._critics[0].forward(torch.cat([observations, action], 1))
+        upwards = torch.full((len(action), 1), -1.0 / len(action))
+        slope = self._critics[0].backward(upwards, weights=False)[:, -action.shape[1] :]
+        self._actor.backward(slope * (1.0 - action.square()))
+        model.actor.optimizer.step()
+        self._actor.changed()
+        followers, leaders = [self._actor_target, *self._critic_targets], [self._actor, *self._critics]
+        torch._foreach_lerp_(
+            [tensor for net in followers for tensor in net.tensors],
+            [tensor for net in leaders for tensor in net.tensors],
+            model.tau,
+        )
+        for net in followers:
+            net.changed()

@@ -1,0 +1,139 @@
+"""The five algorithms on Stable-Baselines3: settings in, an untrained learner out; a learner in, its policy out."""
+
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import DQN, PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from torch import nn
+
+from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.training.budget import RunBudget
+from zebrat_bullet.training.ddpg import PaperDDPG
+from zebrat_bullet.training.replay import MirrorReplayBuffer
+from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig, TrainConfig
+
+
+class PaperDQN(RunBudget, DQN):
+    """SB3's DQN, whose epsilon falls over the run."""
+
+    @property
+    def epsilon(self) -> float:
+        """Probability of a random action now."""
+        return self.exploration_rate
+
+
+LEARNERS: dict[str, type[BaseAlgorithm]] = {
+    "ddpg": PaperDDPG,
+    "dqn": PaperDQN,
+    "sac": SAC,
+    "ppo": PPO,
+    "ppo-discrete": PPO,
+}
+DISCRETE = frozenset({"dqn", "ppo-discrete"})
+"""Algorithms that choose among the six discrete actions."""
+
+
+def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -> BaseAlgorithm:
+    """Return an untrained learner for a vectorised environment."""
+    settings = config.learner
+    common = {"env": env, "seed": config.seed, "device": "cpu", "gamma": settings.gamma}
+    common["batch_size"] = settings.batch_size
+    network = {"net_arch": list(settings.hidden), "activation_fn": nn.ReLU, "optimizer_kwargs": {"fused": True}}
+    if isinstance(settings, PPOConfig):
+        return PPO(
+            "MlpPolicy",
+            **common,
+            policy_kwargs=network,
+            learning_rate=settings.lr,
+            n_steps=settings.n_steps,
+            n_epochs=settings.n_epochs,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip_range,
+            ent_coef=settings.ent_coef,
+        )
+    common |= {
+        "buffer_size": settings.buffer_size,
+        "learning_starts": settings.warmup_steps,
+        "tau": settings.tau,
+        "train_freq": 1,
+        "gradient_steps": 0,  # they are done while the environments step: see OverlappedVecEnv
+    }
+    if isinstance(settings, DQNConfig):
+        model: Any = PaperDQN(
+            "MlpPolicy",
+            **common,
+            policy_kwargs=network,
+            learning_rate=settings.lr,
+            target_update_interval=1,
+            exploration_initial_eps=settings.epsilon,
+            exploration_final_eps=0.0,
+            exploration_fraction=1.0,
+        )
+    else:
+        seen = {"observation": observation, "mirror": settings.mirror, "reward_scale": settings.reward_scale}
+        common |= {"replay_buffer_class": MirrorReplayBuffer, "replay_buffer_kwargs": seen}
+        build = _build_sac if isinstance(settings, SACConfig) else _build_ddpg
+        model = build(settings, common, network)
+    if isinstance(model, RunBudget):
+        model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
+    return model
+
+
+def _build_sac(settings: SACConfig, common: dict[str, Any], network: dict[str, Any]) -> SAC:
+    return SAC("MlpPolicy", **common, policy_kwargs=network, learning_rate=settings.lr)
+
+
+def _build_ddpg(settings: DDPGConfig, common: dict[str, Any], network: dict[str, Any]) -> PaperDDPG:
+    network = network | {"n_critics": settings.n_critics}
+    model = PaperDDPG("MlpPolicy", **common, policy_kwargs=network, settings=settings)
+    # SB3's DDPG is its TD3 with these switched off; a clip of 0 is no noise, but the sigma itself must be above 0.
+    model.policy_delay = settings.policy_delay
+    model.target_policy_noise = settings.target_noise or model.target_policy_noise
+    model.target_noise_clip = 2.5 * settings.target_noise
+    return model
+
+
+def exploration(model: BaseAlgorithm) -> float | None:
+    """Return the probability of a random action now; None for an algorithm that explores otherwise."""
+    return model.epsilon if isinstance(model, PaperDDPG | PaperDQN) else None
+
+
+def to_agent(
+    model: BaseAlgorithm, name: str, observation: ObservationSpec, provenance: dict[str, object]
+) -> PolicyAgent:
+    """Return the noise-free policy of a learner, to run without torch."""
+    networks, head = _policy_networks(model)
+    linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
+    layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
+    return PolicyAgent(name, layers, observation, provenance, head)
+
+
+def _policy_networks(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
+    if isinstance(model, PaperDDPG):
+        return [model.actor.mu], "tanh"
+    if isinstance(model, SAC):
+        return [model.actor.latent_pi, model.actor.mu], "tanh"
+    if isinstance(model, PaperDQN):
+        return [model.q_net.q_net], "argmax"
+    assert isinstance(model, PPO)
+    discrete = hasattr(model.action_space, "n")
+    return [model.policy.mlp_extractor.policy_net, model.policy.action_net], "argmax" if discrete else "clip"
+
+
+@torch.no_grad()
+def critic_values(model: BaseAlgorithm, observations: NDArray) -> NDArray:
+    """Return (n,) what the learner believes its policy will earn from each of (n, size) observations."""
+    seen = torch.from_numpy(observations)
+    if isinstance(model, PaperDDPG):
+        values = model.critic.q1_forward(seen, model.actor(seen))
+    elif isinstance(model, SAC):
+        values = model.critic(seen, model.actor(seen, deterministic=True))[0]
+    elif isinstance(model, PaperDQN):
+        values = model.q_net(seen).amax(1)
+    else:
+        assert isinstance(model, PPO)
+        values = model.policy.predict_values(seen)
+    return values.flatten().numpy()
