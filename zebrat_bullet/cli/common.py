@@ -11,11 +11,25 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from zebrat_bullet.config import REWARD_PRESETS, TaskConfig, with_reward
+from zebrat_bullet.errors import ZebratError
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
 Result = tuple[Mapping[str, object], str]
 """What a command returns: its results for --json, and a text for people."""
+
+
+class PartialResultError(ZebratError):
+    """A command did only part of its work.
+
+    Args:
+        message: what is missing.
+        result: what there is, printed all the same.
+    """
+
+    def __init__(self, message: str, result: Result) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 class Run(Protocol):

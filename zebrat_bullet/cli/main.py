@@ -10,17 +10,21 @@ from pathlib import Path
 from typing import TextIO
 
 from zebrat_bullet import __version__
-from zebrat_bullet.cli import collisions, driving, learning
-from zebrat_bullet.cli.common import Run
+from zebrat_bullet.cli import collisions, driving, learning, sweep
+from zebrat_bullet.cli.common import PartialResultError, Run
 from zebrat_bullet.errors import ZebratError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one `zebrat` command and return its exit status: 0, or 2 after an error that the user can mend."""
+    """Run one `zebrat` command and return its exit status: 0, 1 after part of the work, 2 after a user's mistake."""
     arguments = _parser().parse_args(argv)
+    status = 0
     with _real_stdout() as stdout:
         try:
             result, text = arguments.run(arguments)
+        except PartialResultError as error:
+            print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
+            (result, text), status = error.result, 1
         except ZebratError as error:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
             return 2
@@ -28,7 +32,7 @@ def main(argv: list[str] | None = None) -> int:
             print(f"zebrat {arguments.command}: stopped", file=sys.stderr)
             return 130
         print(json.dumps(result) if arguments.json else text, file=stdout)
-    return 0
+    return status
 
 
 @contextmanager
@@ -68,6 +72,6 @@ def _parser() -> argparse.ArgumentParser:
         made.set_defaults(run=run)
         return made
 
-    for commands_of_a_kind in (learning, driving, collisions):
+    for commands_of_a_kind in (learning, sweep, driving, collisions):
         commands_of_a_kind.add(command)
     return parser

@@ -1,0 +1,161 @@
+"""What a sweep is: algorithms x rewards x worlds x seeds, one run folder each, the same for every way of running it."""
+
+import json
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from zebrat_bullet.config import from_json, to_json, with_overrides, with_reward
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config
+from zebrat_bullet.training.run import is_finished
+from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.sweep_run import has_checkpoint
+from zebrat_bullet.world import load_world
+
+AXES = ("algos", "rewards", "worlds", "seeds")
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """A set of runs: every combination of the four axes.
+
+    Attributes:
+        algos, rewards: as in `zebrat train`.
+        worlds: each run's one training world, a name or a file.
+        seeds: of the runs.
+        preset: one of `TRAIN_PRESETS`; an algorithm other than its own has the paper's networks and parameters.
+        set: "key=value" texts that vary every run's settings.
+    """
+
+    algos: tuple[str, ...] = ("ddpg",)
+    rewards: tuple[str, ...] = ("fomt",)
+    worlds: tuple[str, ...] = ("big_track",)
+    seeds: tuple[int, ...] = (0,)
+    preset: str = "paper"
+    set: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for axis in AXES:
+            values = getattr(self, axis)
+            if not values or len(values) != len(frozenset(values)):
+                raise ConfigError(f"{axis} must name at least one, and each once; got {', '.join(map(str, values))!r}")
+        if min(self.seeds) < 0:
+            raise ConfigError(f"seeds are whole numbers from 0 up, got {min(self.seeds)}")
+        # A worker of the cluster has another working directory.
+        worlds = (str(Path(world).resolve()) if Path(world).is_file() else world for world in self.worlds)
+        object.__setattr__(self, "worlds", tuple(worlds))
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Return the settings of a sweep that a YAML (or JSON) file names.
+
+    Raises:
+        ConfigError: it cannot be read, or names what no sweep has.
+    """
+    try:
+        settings = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path} is no readable YAML: {error}") from error
+    known = [field.name for field in fields(Sweep)]
+    if not isinstance(settings, dict) or not settings.keys() <= set(known):
+        raise ConfigError(f"{path} must hold `key: value` lines with keys of {', '.join(known)}; got {settings!r}")
+    return settings
+
+
+def sweep_of(settings: dict[str, Any]) -> Sweep:
+    """Return the sweep with these settings, the rest as by default.
+
+    Raises:
+        ConfigError: a value is of the wrong type or out of its range.
+    """
+    return from_json(Sweep, json.dumps(settings))
+
+
+def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
+    """Check every run of a sweep, save its manifest in the folder, and return the runs by their folders.
+
+    Nothing is written if anything is wrong. A folder that holds a sweep already goes on if this is the same one or
+    has more on its axes.
+
+    Raises:
+        ConfigError: a setting is wrong, two runs would share a folder, or the folder holds another sweep.
+        ZebratError: a world cannot be driven.
+    """
+    manifest = folder / MANIFEST
+    if manifest.is_file():
+        _refuse_another(from_json(Sweep, manifest.read_text()), sweep, folder)
+    runs = _runs(sweep, folder)
+    a_run = next(iter(runs.values()))
+    load_robot(a_run.task.robot)
+    for world in (*sweep.worlds, *a_run.eval_worlds):
+        load_world(world)
+    for run, config in runs.items():
+        _refuse_other_settings(run, config)
+    folder.mkdir(parents=True, exist_ok=True)
+    part = manifest.with_suffix(".part")
+    part.write_text(to_json(sweep))
+    part.replace(manifest)
+    return runs
+
+
+def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
+    runs: dict[Path, TrainConfig] = {}
+    for algo, reward, world, seed in product(sweep.algos, sweep.rewards, sweep.worlds, sweep.seeds):
+        run = folder / f"{algo}-{reward}-{Path(world).stem}-seed{seed}"
+        if run in runs:
+            raise ConfigError(f"{world!r} and {runs[run].worlds[0]!r} would share the folder {run}; rename one file")
+        try:
+            runs[run] = _run_config(sweep, algo, reward, world, seed)
+        except ZebratError as error:
+            raise ConfigError(f"{run.name}: {error}") from error
+    return runs
+
+
+def _run_config(sweep: Sweep, algo: str, reward: str, world: str, seed: int) -> TrainConfig:
+    preset = paper_config(algo, reward)
+    if sweep.preset != "paper":
+        if sweep.preset not in TRAIN_PRESETS:
+            raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
+        named = TRAIN_PRESETS[sweep.preset]
+        learner = named.learner if named.learner.algo == algo else preset.learner
+        preset = replace(named, learner=learner, task=with_reward(named.task, reward))
+    planned = replace(preset, worlds=(world,), seed=seed)
+    config = with_overrides(planned, sweep.set)
+    if (config.learner.algo, config.worlds, config.seed) != (algo, planned.worlds, seed):
+        raise ConfigError(f"set names what is an axis of the sweep; give it as one of {', '.join(AXES)}")
+    if not config.init:
+        return config
+    if not Path(config.init).is_file():
+        raise ConfigError(f"init must name a run's best.zip, got {config.init!r}, which is no file")
+    return replace(config, init=str(Path(config.init).resolve()))
+
+
+def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:
+    differences = []
+    for field in fields(Sweep):
+        before, now = getattr(old, field.name), getattr(new, field.name)
+        extends = field.name in AXES and set(before) <= set(now)
+        if before != now and not extends:
+            differences.append(f"{field.name} were {before}, now {now}")
+    if differences:
+        raise ConfigError(
+            f"{folder} holds another sweep: {'; '.join(differences)}. Name another folder, or what the sweep had; "
+            f"{', '.join(AXES)} may be added to"
+        )
+
+
+def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
+    """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
+    if not (is_finished(run) or has_checkpoint(run)):
+        return
+    before = json.loads((run / "config.json").read_text())
+    now = json.loads(to_json(config))
+    differing = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
+    if differing:
+        raise ConfigError(f"{run} was trained with other settings ({', '.join(differing)}); move it away or name it so")
