@@ -13,6 +13,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.assets import list_assets
+from zebrat_bullet.config import REWARD_PRESETS
 from zebrat_bullet.envs.registration import env_id
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ActionError, ConfigError
@@ -36,9 +37,10 @@ def test_every_shipped_world_has_an_id():
         assert env_id(world) in gymnasium.registry
 
 
+@pytest.mark.parametrize("reward", REWARD_PRESETS)
 @pytest.mark.parametrize("kwargs", [{}, {"discrete": True}, {"raw": True}], ids=["scaled", "discrete", "raw"])
-def test_both_checkers_pass(kwargs):
-    env = gymnasium.make("ZebraT/Track2-v0", caster="embree", **kwargs)
+def test_both_checkers_pass(reward, kwargs):
+    env = gymnasium.make("ZebraT/Track2-v0", caster="embree", reward=reward, **kwargs)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         if "raw" in kwargs:  # both checkers advise scaled spaces; the paper's SI values are asked for here
@@ -122,6 +124,23 @@ def test_info_holds_every_term_and_the_reward_is_their_sum():
     _, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
     assert set(info["terms"]) == {"F", "O", "M", "T", "W"} and info["terms"]["M"] == 0.0
     assert reward == pytest.approx(sum(info["terms"].values()))
+    env.close()
+
+
+@pytest.mark.parametrize(("reward", "size"), [("fomt", 34), ("wg", 36), ("wg_paper", 34)])
+@pytest.mark.parametrize("raw", [False, True], ids=["scaled", "raw"])
+def test_the_space_holds_every_observation(reward, size, raw):
+    env = ZebratEnv("track_2", caster="embree", reward=reward, raw=raw)
+    rows = drive(env, 2, 80)[:, :size].astype(np.float32)
+    assert env.observation_space.shape == (size,) and all(row in env.observation_space for row in rows)
+    env.close()
+
+
+def test_waypoint_guidance_observes_the_waypoint_that_it_pays_for():
+    env = ZebratEnv("track_2", caster="embree", reward="wg", raw=True)
+    before, _ = env.reset(seed=0)
+    after, reward, _, _, info = env.step(np.array([0.6, 0.0], dtype=np.float32))
+    assert reward == info["terms"]["W"] == pytest.approx(100.0 * (before[-2] - after[-2]), abs=1e-3) and reward > 0.0
     env.close()
 
 

@@ -76,6 +76,16 @@ def test_a_file_that_names_no_head_has_a_tanh_head_and_rectified_layers(tmp_path
     assert loaded.act(FAR) == agent.act(FAR)
 
 
+def test_the_shipped_policy_is_an_unguided_one_with_a_tanh_head_and_rectified_layers():
+    agent = load_policy("shipped")
+    assert agent.observation == SPEC and agent.privileged == frozenset()
+    hidden = observation = np.random.default_rng(0).uniform(-1.0, 1.0, 34).astype(np.float32)
+    for weight, bias in agent.layers[:-1]:
+        hidden = np.maximum(weight @ hidden + bias, 0.0)
+    weight, bias = agent.layers[-1]
+    assert np.array_equal(agent.action(observation), np.tanh(weight @ hidden + bias))
+
+
 @pytest.mark.parametrize(
     ("outputs", "head", "activation", "message"),
     [
