@@ -1,0 +1,221 @@
+"""Training runs as their folders tell of them, grouped by algorithm, reward and settings.
+
+Settings are read as plain JSON, not as a `TrainConfig`, so that the runs of older versions stay readable.
+"""
+
+import csv
+import json
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
+from zebrat_bullet.errors import ConfigError
+
+Table = dict[str, NDArray]
+"""A CSV file by column: (N,) float64 and NaN where a cell is empty, or (N,) str for outcomes."""
+
+_WHERE = ("episode", "total_steps", "wall_s")
+_EPISODE_NUMBERS = (*_WHERE, "return", "steps")
+_EVALUATION_NUMBERS = (*_WHERE, "success", "collision", "fail", "time_s", "best")
+_LONGEST_VARIANT = 40
+# What differs between the runs of a group, or cannot change what is learned.
+_NO_SETTING = ("seed", "threads", "overlap", "checkpoint_every")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingRun:
+    """One seed's run. What a collapsed run was restarted as follows it in the same tables: its cost is the run's.
+
+    Attributes:
+        folder: where it is.
+        seed: its first seed.
+        budget: episodes that it was to last.
+        finished: it came to its end.
+        restarts: how often the watchdog began it anew.
+        episodes: columns episode, total_steps, wall_s, return, steps, and outcome (str), a row an episode.
+        evaluations: columns episode, total_steps, wall_s, success, collision, fail, time_s, best, a row a noise-free
+            evaluation; time_s is NaN where nothing succeeded.
+    """
+
+    folder: Path
+    seed: int
+    budget: int
+    finished: bool
+    restarts: int
+    episodes: Table
+    evaluations: Table
+
+
+@dataclass(frozen=True, slots=True)
+class RunGroup:
+    """The runs that differ in nothing but the seed.
+
+    Attributes:
+        algo, reward: names, as in `zebrat train`; a reward of no preset is named by its weights.
+        variant: what tells the group from others of the same algorithm and reward; empty where there are none.
+        exit_reward: R_r, paid for reaching open space.
+        runs: in the order of their seeds.
+    """
+
+    algo: str
+    reward: str
+    variant: str
+    exit_reward: float
+    runs: tuple[TrainingRun, ...]
+
+    @property
+    def label(self) -> str:
+        """Its name among the groups of its reward."""
+        return f"{self.algo} ({self.variant})" if self.variant else self.algo
+
+
+def read_groups(folders: Iterable[Path]) -> list[RunGroup]:
+    """Return every run in or below the folders, grouped; sorted by reward, then algorithm.
+
+    Raises:
+        ConfigError: there is no run, a file is not what it should be, or two folders hold the same settings and seed.
+    """
+    roots = _find(folders)
+    settings = {root: _read_settings(root / "config.json") for root in roots}
+    alike: dict[tuple[str, str], dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
+    for root, config in settings.items():
+        names = reward_name(config["task"]), config.get("learner", {}).get("algo", "ddpg")  # once there was DDPG alone
+        alike[names][json.dumps(_compared(config), sort_keys=True)].append(root)
+    groups = []
+    for (reward, algo), members in sorted(alike.items()):
+        variants = _variants([(settings[paths[0]], paths) for paths in members.values()])
+        for variant, paths in sorted(zip(variants, members.values(), strict=True)):
+            runs = sorted((_read_run(path, settings[path], roots[path]) for path in paths), key=lambda run: run.seed)
+            _refuse_twins(runs)
+            exit_reward = float(settings[paths[0]]["task"]["reward"]["success"])
+            groups.append(RunGroup(algo, reward, variant, exit_reward, tuple(runs)))
+    return groups
+
+
+def reward_name(task: dict[str, Any]) -> str:
+    """Return the preset that a task's reward is, with what else was changed of it; or its weights, such as "1F+2T"."""
+    reward = task["reward"]
+    weights = {name: weight for name, weight in reward["weights"].items() if weight}
+    presets = [name for name, preset in REWARD_PRESETS.items() if weights == preset.weights]
+    # Presets of the same reward differ in what is observed.
+    seen = asdict(ObservationConfig()) | task.get("observation", {})
+    presets.sort(key=lambda name: asdict(with_reward(TaskConfig(), name).observation) != seen)
+    name = presets[0] if presets else "+".join(f"{weight:g}{term}" for term, weight in sorted(weights.items()))
+    plain = RewardConfig()
+    others = [field.name for field in fields(RewardConfig) if field.name != "weights"]
+    changed = [f" {at}={reward[at]:g}" for at in others if reward.get(at, getattr(plain, at)) != getattr(plain, at)]
+    return name + "".join(changed)
+
+
+def _find(folders: Iterable[Path]) -> dict[Path, list[Path]]:
+    """Return the folders of runs, each with those of its restarts, which lie in it."""
+    found: set[Path] = set()
+    for folder in folders:
+        here = {path.parent.resolve() for path in folder.rglob("config.json")}
+        here = {path for path in here if (path / "episodes.csv").is_file()}
+        if not here:
+            raise ConfigError(f"no training run in {folder}: a run's folder holds config.json and episodes.csv")
+        found |= here
+    roots: dict[Path, list[Path]] = {}
+    for path in sorted(found):  # a folder comes before those in it
+        root = next((root for root in roots if root in path.parents), None)
+        if root is None:
+            roots[path] = []
+        else:
+            roots[root].append(path)
+    return roots
+
+
+def _read_settings(path: Path) -> dict[str, Any]:
+    try:
+        config = json.loads(path.read_text())
+        config["seed"], config["episodes"], config["task"]["reward"]["weights"], config["task"]["reward"]["success"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} is not the settings of a training run ({error!r}); leave its folder out") from error
+    return config
+
+
+def _read_run(folder: Path, config: dict[str, Any], restarts: Sequence[Path]) -> TrainingRun:
+    attempts = [folder, *restarts]
+    episodes = [_read_csv(path / "episodes.csv", _EPISODE_NUMBERS, ("outcome",)) for path in attempts]
+    evaluations = [_read_csv(path / "evaluations.csv", _EVALUATION_NUMBERS, ()) for path in attempts]
+    budget = config["episodes"] + sum(len(table["episode"]) for table in episodes[:-1])
+    return TrainingRun(
+        folder=folder,
+        seed=config["seed"],
+        budget=budget,
+        # Runs of older versions leave no summary.
+        finished=(attempts[-1] / "summary.json").is_file() or sum(len(t["episode"]) for t in episodes) >= budget,
+        restarts=len(restarts),
+        episodes=_one_after_the_other(episodes, episodes),
+        evaluations=_one_after_the_other(evaluations, episodes),
+    )
+
+
+def _read_csv(path: Path, numbers: Sequence[str], texts: Sequence[str]) -> Table:
+    rows: list[dict[str, str]] = []
+    if path.is_file():
+        with path.open(newline="") as file:
+            rows = [row for row in csv.DictReader(file) if None not in row.values()]  # a row may be half written
+    try:
+        table: Table = {name: np.array([float(row[name] or math.nan) for row in rows], dtype=float) for name in numbers}
+        return table | {name: np.array([row[name] for row in rows], dtype=str) for name in texts}
+    except (KeyError, ValueError) as error:
+        raise ConfigError(f"{path} is not the log of a training run ({error!r}); leave its folder out") from error
+
+
+def _one_after_the_other(tables: Sequence[Table], episodes: Sequence[Table]) -> Table:
+    """Join the tables of a run and its restarts; episodes, steps and time count on from where the last one stopped."""
+    begin = dict.fromkeys(_WHERE, 0.0)
+    joined = []
+    for table, driven in zip(tables, episodes, strict=True):
+        joined.append(table | {name: table[name] + begin[name] for name in _WHERE})
+        begin = {name: begin[name] + float(max(driven[name], default=0.0)) for name in _WHERE}
+    return {name: np.concatenate([table[name] for table in joined]) for name in joined[0]}
+
+
+def _compared(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings that make a group; each seed is fine-tuned from a model of its own."""
+    return {name: at for name, at in config.items() if name not in _NO_SETTING} | {"init": bool(config.get("init"))}
+
+
+def _variants(groups: Sequence[tuple[dict[str, Any], list[Path]]]) -> list[str]:
+    """Return a name for each group of one algorithm and reward: what is set otherwise, or where it lies."""
+    if len(groups) == 1:
+        return [""]
+    flat = [dict(_flatten(_compared(config))) for config, _ in groups]
+    names = sorted({name for at in flat for name in at if len({other.get(name) for other in flat}) > 1})
+    by_settings = [", ".join(f"{name.rsplit('.')[-1]}={at.get(name, '-')}" for name in names) for at in flat]
+    firsts = [paths[0] for _, paths in groups]
+    by_prefix = [re.sub(r"[-_]?seed[-_]?\d+$", "", path.name) or path.name for path in firsts]
+    by_name = [path.name for path in firsts]
+    for variants in (by_settings, by_prefix, by_name):
+        if len(set(variants)) == len(groups) and max(map(len, variants)) <= _LONGEST_VARIANT:
+            return variants
+    return [str(path) for path in firsts]
+
+
+def _flatten(settings: dict[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, "+".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _refuse_twins(runs: Sequence[TrainingRun]) -> None:
+    for one, two in pairwise(runs):
+        if one.seed == two.seed:
+            raise ConfigError(
+                f"{one.folder} and {two.folder} are the same run, seed {one.seed}; name one of them, "
+                "or it counts as two seeds"
+            )
