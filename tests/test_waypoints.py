@@ -215,7 +215,7 @@ def test_episodes_that_begin_anywhere_are_led_on_and_never_back():
 
 
 def test_a_world_without_waypoints_is_refused(bare):
-    with pytest.raises(ConfigError, match="world 'bare' has none; name them in its file"):
+    with pytest.raises(ConfigError, match="world 'bare' has none; name them in its world file"):
         Drive(WG, bare)
     with pytest.raises(ConfigError, match="world 'bare' has none"):
         ZebratEnv(["track_1", bare], reward="wg", task=FOMT)

@@ -142,11 +142,12 @@ class SafetyRegionConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RewardConfig:
-    """Weights and settings of the reward (paper, eq. 3-8, Table I).
+    """Weights and settings of the reward (paper, eq. 3-9, Table I).
 
     Attributes:
         weights: weight of each term by its name in `task/rewards.py`; a term that is absent or 0 is off.
-        collision, success: R_c and R_r, paid alone on the terminal step.
+        collision, success: R_c and R_r, paid alone on the terminal step; what ends an episode is the same under every
+            reward, so waypoint guidance too is paid R_r for open space and not for its last waypoint.
         discount: gamma of the sums over rays.
         log_base: base of the logarithm in O; the paper writes "log", the authors' code uses 10. With the natural
             logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.

@@ -19,8 +19,8 @@ def check_waypoints(world: World) -> None:
     """
     if not len(world.waypoints):
         raise ConfigError(
-            f"waypoint guidance needs waypoints and world {world.name!r} has none; name them in its file "
-            "(waypoints: [[x, y], ...]), or choose a reward and an agent without it"
+            f"waypoint guidance needs waypoints and world {world.name!r} has none; name them in its world file "
+            "(waypoints: [[x, y], ...], for a mesh or map beside `mesh:` or `map:`), or drive unguided"
         )
 
 
