@@ -53,9 +53,9 @@ def learning_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     rows = [head, ["---"] * len(head), *map(_row, summaries)]
     notes = [
         "",
-        "Mean over seeds, ± the standard deviation. Best score: the highest return of a training episode; never compare "
-        "it between rewards. The best policy is the best of the run's noise-free evaluations, "
-        "by those same evaluations, so its success is optimistic; the policy at the end was not chosen.",
+        "Mean over seeds, ± the standard deviation. Best score: the highest return of a training episode; it means "
+        "nothing across rewards. The best policy is the best of the run's noise-free evaluations, by those same "
+        "evaluations, so its success is optimistic; the policy at the end was not chosen.",
         *_notes(summaries),
     ]
     return "\n".join(["| " + " | ".join(row) + " |" for row in rows] + notes)
