@@ -59,7 +59,7 @@ def test_the_extremes_of_every_number_lie_on_the_bounds(spec, raw, sign):
 
 
 def test_a_guided_observation_of_an_unguided_reading_is_refused():
-    with pytest.raises(ConfigError, match="the reading names none; drive guided"):
+    with pytest.raises(ConfigError, match="the reading names none; declare the privilege 'waypoint'"):
         GUIDED.encode(reading(np.full(32, 3.0), Command(0.0, 0.0)))
 
 

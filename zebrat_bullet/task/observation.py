@@ -83,7 +83,9 @@ class ObservationSpec:
 
     def _waypoint(self, reading: Reading) -> tuple[float, float]:
         if reading.waypoint is None:
-            raise ConfigError("the observation holds the next waypoint and the reading names none; drive guided")
+            raise ConfigError(
+                "the observation holds the next waypoint and the reading names none; declare the privilege 'waypoint'"
+            )
         distance_m = min(reading.waypoint.distance_m, self.range_max_m)
         if self.raw:
             return distance_m, reading.waypoint.bearing_rad
