@@ -225,9 +225,12 @@ def test_a_critic_that_no_longer_moves_is_frozen_and_one_that_learns_is_not(eval
 
 def test_a_critic_that_says_the_same_of_everything_is_frozen(evaluate) -> None:
     records = evaluate("a policy that drives on and then crashes, straight on")
-    dead, nearly, alive = critic_findings(records, np.full(64, 100.8), 80 + np.linspace(0, 0.1, 64), np.arange(64.0))
-    assert dead == ["the critic's 64 values lie between 100.8 and 100.8, whatever it sees"]
-    assert len(nearly) == 1 and alive == []
+    outlier = np.full(64, 101.7)
+    outlier[5] = -222_393.0  # as seen of DDPG with a critic's learning rate of 20
+    near = 80 + np.linspace(0, 0.1, 64)
+    dead, nearly, mostly, alive = critic_findings(records, np.full(64, 100.8), near, outlier, np.arange(64.0))
+    assert dead == ["half of the critic's 64 values lie between 100.8 and 100.8, whatever it sees"]
+    assert len(nearly) == len(mostly) == 1 and alive == []
     assert critic_findings(records, np.zeros(64)) != [[]]
 
 
