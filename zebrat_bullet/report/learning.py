@@ -104,7 +104,7 @@ def _notes(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
             what = (
                 [f"unfinished, {run['episodes']} of {run['budget_episodes']} episodes"] if not run["finished"] else []
             )
-            what += [f"collapsed and restarted {run['restarts']} times"] if run["restarts"] else []
+            what += [f"restarts after a collapse: {run['restarts']}"] if run["restarts"] else []
             if what:
                 lines.append(f"- {Path(run['folder']).name}: {'; '.join(what)}")
     return ["", *lines] if lines else []

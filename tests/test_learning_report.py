@@ -1,0 +1,265 @@
+"""Figures and tables of training runs: from run folders alone, of every version, and honest about what is missing."""
+
+import csv
+import json
+import math
+import shutil
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from zebrat_bullet.cli import main
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_reward
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.report.learning import learning_table, write_report
+from zebrat_bullet.report.learning_curves import at_grid, progress, training_curve
+from zebrat_bullet.report.learning_figures import draw_curves
+from zebrat_bullet.report.learning_runs import read_groups, reward_name
+from zebrat_bullet.report.learning_stats import estimates, iqm, reward_trap, summarise_group, summarise_run
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.presets import paper_config
+from zebrat_bullet.training.run import summarise, train
+from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+
+RESULTS = Path(__file__).parent.parent / "docs" / "results"
+TINY = TrainConfig(
+    learner=DDPGConfig(hidden=(16, 16), batch_size=16, buffer_size=2000, warmup_steps=20),
+    worlds=("track_2",),
+    episodes=22,
+    eval_every=11,
+    eval_episodes=1,
+    checkpoint_every=22,
+    task=TaskConfig(lidar=LidarConfig(caster="embree", n_channels=4), episode=EpisodeConfig(max_steps=25)),
+)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Two seeds under one reward, and one under another."""
+    folder = tmp_path_factory.mktemp("runs")
+    for seed in (0, 1):
+        train(replace(TINY, seed=seed), folder / f"fomt-seed{seed}")
+    train(replace(TINY, task=with_reward(TINY.task, "ft")), folder / "ft-seed0")
+    return folder
+
+
+def write_run(folder, episodes, evaluations=(), **changes):
+    """Leave the folder of a run with (outcome, return) episodes of 10 steps and 1 s, and (episode, success, best)."""
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(to_json(replace(paper_config("ddpg", "fomt"), **changes)))
+    log, judged = (
+        CsvLog(folder / "episodes.csv", EPISODE_COLUMNS),
+        CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS),
+    )
+    for n, (outcome, earned) in enumerate(episodes, start=1):
+        log.append(
+            {"episode": n, "total_steps": 10 * n, "wall_s": n, "outcome": outcome, "return": earned, "steps": 10}
+        )
+    for n, success, best in evaluations:
+        row = {
+            "episode": n,
+            "total_steps": 10 * n,
+            "wall_s": n,
+            "success": success,
+            "collision": 1 - success,
+            "fail": 0,
+        }
+        judged.append(row | {"time_s": 20.0 if success else None, "best": best})
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_report_holds_every_figure_its_data_and_the_table(trained, tmp_path):
+    summaries, text = write_report([trained], tmp_path)
+    for name in ("training_curve", "per_step", "per_hour", "reached"):
+        assert matplotlib.image.imread(tmp_path / f"{name}.png").std() > 0.01
+        assert rows_of(tmp_path / f"{name}.csv")
+    assert json.loads((tmp_path / "learning.json").read_text()) == summaries
+    assert [(at["algo"], at["reward"], len(at["runs"])) for at in summaries] == [("ddpg", "fomt", 2), ("ddpg", "ft", 1)]
+    assert "| ddpg | fomt | 2 | 22 ± 0 |" in text and "unfinished" not in text
+
+
+def test_the_table_says_what_each_run_says_of_itself(trained):
+    for group in read_groups([trained]):
+        for run in group.runs:
+            ours, its = summarise_run(run), summarise(run.folder)
+            assert ours["finished"] and ours["steps"] == its["total_steps"] and ours["episodes"] == its["episodes"]
+            assert {name: its["best"][name] for name in ("episode", "success", "time_s")} == ours["best_policy"]
+            assert ours["wall_s"] == its["wall_s"]
+
+
+def test_different_rewards_share_no_panel(trained, tmp_path):
+    widths = []
+    for folder in (trained / "fomt-seed0", trained):
+        draw_curves(training_curve(read_groups([folder])), "episode", tmp_path / "curve.png")
+        widths.append(matplotlib.image.imread(tmp_path / "curve.png").shape[1])
+    assert widths[1] > 1.4 * widths[0]
+
+
+def test_runs_of_older_versions_are_read_and_named_by_their_folders_where_much_differs():
+    names = ("general-seed0", "general-seed1", "one-critic", "four-step")
+    groups = read_groups([RESULTS / name for name in names])
+    assert sorted(group.variant for group in groups) == sorted(names)
+    by_name = {group.variant: summarise_group(group) for group in groups}
+    assert by_name["general-seed0"]["best_success"]["mean"] == pytest.approx(30 / 31)
+    assert by_name["general-seed0"]["unfinished"] == 0 and by_name["one-critic"]["unfinished"] == 1
+    assert "- one-critic: unfinished, 1100 of 4000 episodes" in learning_table(list(by_name.values()))
+
+
+def test_settings_that_differ_name_the_group_and_those_that_change_nothing_do_not_split_it(tmp_path):
+    rows = [("collision", -50.0)]
+    for seed, changes in enumerate(({"threads": 2}, {"init": "a/best.zip"}, {"init": "b/best.zip"}, {})):
+        write_run(tmp_path / f"seed{seed}", rows, seed=seed, **changes)
+    assert [(g.variant, [run.seed for run in g.runs]) for g in read_groups([tmp_path])] == [
+        ("init=False", [0, 3]),
+        ("init=True", [1, 2]),
+    ]
+
+
+def test_a_reward_is_named_by_its_preset_or_by_its_weights():
+    def named(task):
+        return reward_name(json.loads(to_json(task)))
+
+    plain = TaskConfig()
+    assert [named(with_reward(plain, name)) for name in ("fomt", "ft", "wg", "wg_paper")] == [
+        "fomt",
+        "ft",
+        "wg",
+        "wg_paper",
+    ]
+    assert named(replace(plain, reward=replace(plain.reward, log_base=math.e))) == "fomt log_base=2.71828"
+    assert named(replace(plain, reward=replace(plain.reward, weights={"T": 1, "F": 0.5, "O": 0}))) == "0.5F+1T"
+
+
+def test_the_papers_curve_is_the_best_of_every_complete_block_of_20_episodes():
+    (curve,) = training_curve(read_groups([RESULTS / "one-critic"]))
+    returns = [float(row["return"]) for row in rows_of(RESULTS / "one-critic" / "episodes.csv")]
+    assert len(returns) == 1100 and len(curve.band.x) == 55
+    assert (curve.band.x[0], curve.band.x[-1]) == (20, 1100)
+    assert curve.band.mean[3] == max(returns[60:80]) and curve.band.mean[-1] == max(returns[1080:])
+
+
+def test_a_value_between_two_rows_is_the_earlier_one_and_there_is_none_before_or_after():
+    grid = np.array([0.0, 9.9, 10.0, 15.0, 19.9, 20.0, 25.0, 26.0])
+    values = at_grid(np.array([10.0, 20.0]), np.array([0.2, 0.8]), grid, end=25.0)
+    assert values == pytest.approx([math.nan, math.nan, 0.2, 0.2, 0.2, 0.8, 0.8, math.nan], nan_ok=True)
+    assert np.isnan(at_grid(np.array([]), np.array([]), grid, end=25.0)).all()
+
+
+def test_where_a_seed_has_ended_there_is_no_spread_and_the_mean_says_of_how_many(tmp_path):
+    write_run(tmp_path / "seed0", [("collision", -50.0)] * 40, seed=0)
+    write_run(tmp_path / "seed1", [("collision", -30.0)] * 20, seed=1)
+    groups = read_groups([tmp_path])
+    (curve,) = training_curve(groups)
+    assert curve.band.n_seeds.tolist() == [2, 1] and curve.band.mean.tolist() == [-40.0, -50.0]
+    assert curve.band.std[0] == pytest.approx(math.sqrt(200)) and math.isnan(curve.band.std[1])
+    assert (curve.band.low[0], curve.band.high[0]) == (-50.0, -30.0) and math.isnan(curve.band.low[1])
+    over_steps = progress(groups, "steps")[2].band
+    assert over_steps.n_seeds[over_steps.x > 200].max() == 1 and over_steps.n_seeds[over_steps.x == 200] == 2
+
+
+def test_over_hours_a_curve_ends_with_the_run(trained):
+    curves = progress(read_groups([trained]), "hours")
+    longest = max(summarise(path)["wall_s"] for path in trained.iterdir()) / 3600
+    assert curves[0].band.x[-1] == pytest.approx(longest)
+    success = [curve for curve in curves if "success" in curve.measure]
+    assert all(np.nanmin(at.band.mean) >= 0 and np.nanmax(at.band.mean) <= 1 for at in success)
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_at_either_end():
+    assert iqm(np.array([100.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, -100.0])) == 3.5
+    assert iqm(np.array([0.0, 0.5, 1.0])) == 0.5  # too few to leave any out
+
+
+def test_intervals_are_those_worked_out_by_hand():
+    # Of five draws from one 0 and four 1, the count of zeros is binomial (5, 0.2); its IQM is 1, 1, 2/3, 1/3, 0, 0, its
+    # mean 1 - k/5. P(k >= 4) = 0.0067 < 0.025 < P(k >= 3) = 0.058: the 2.5 % quantile is at k = 3; k = 0 has 0.33.
+    at = estimates([0.0, 1.0, 1.0, 1.0, 1.0])
+    assert at["iqm"] == 1.0 and at["iqm_ci"] == pytest.approx([1 / 3, 1.0])
+    assert at["mean"] == 0.8 and at["mean_ci"] == pytest.approx([0.4, 1.0])
+    assert at["sd"] == pytest.approx(math.sqrt(0.2))
+    assert estimates([0.7] * 5)["iqm_ci"] == pytest.approx([0.7, 0.7])
+    assert estimates([0.7])["iqm_ci"] is None and estimates([])["mean"] is None
+
+
+def test_the_trap_counts_cars_that_were_paid_for_staying_inside(tmp_path):
+    paid = [("success", 60.0), ("success", 100.0), ("timeout", 90.0), ("stall", 70.0), ("false_exit", 55.0)]
+    write_run(tmp_path / "seed0", [*paid, ("collision", -50.0)], seed=0)
+    write_run(tmp_path / "seed1", [("success", 80.0), ("timeout", 40.0)], seed=1)
+    (group,) = read_groups([tmp_path])
+    trap = reward_trap(group.runs, group.exit_reward)
+    assert (trap["episodes"], trap["median_success"]) == (5, 80.0)
+    assert (trap["above_median_success"], trap["above_exit_reward"]) == (1, 3)
+    assert trap["largest"] == {"return": 90.0, "outcome": "timeout", "steps": 10, "seed": 0, "episode": 3}
+    assert "| 3 / 1 of 5 | +90, timeout after 10 steps |" in learning_table([summarise_group(group)])
+
+
+def test_the_trap_was_real_in_a_run_of_ours():
+    (group,) = read_groups([RESULTS / "general-seed1"])
+    trap = reward_trap(group.runs, group.exit_reward)
+    assert trap["above_exit_reward"] > 100 and trap["largest"]["outcome"] == "false_exit"
+
+
+def test_a_run_without_success_an_evaluation_or_even_an_episode_is_shown_without_a_nan(tmp_path):
+    write_run(tmp_path / "runs" / "seed0", [("collision", -50.0)] * 25, [(20, 0.0, 1)], seed=0)
+    write_run(tmp_path / "runs" / "seed1", [], seed=1)
+    (summary,), text = write_report([tmp_path / "runs"], tmp_path / "out")
+    json.dumps(summary, allow_nan=False)
+    assert "nan" not in text.lower() and "0 / no success of 25" in text
+    assert "- seed1: unfinished, 0 of 1000 episodes" in text and "0 of 2" in text
+    assert not any("nan" in (tmp_path / "out" / f"{name}.csv").read_text() for name in ("per_step", "reached"))
+
+
+def test_a_restarted_run_counts_all_that_it_cost(tmp_path):
+    write_run(tmp_path / "seed0", [("collision", -50.0)] * 30, [(30, 0.0, 1)], seed=0)
+    write_run(tmp_path / "seed0" / "restart", [("success", 60.0)] * 10, [(10, 1.0, 1)], seed=1)
+    write_run(tmp_path / "seed1", [("success", 60.0)] * 10, [(10, 0.5, 1)], seed=1)
+    (group,) = read_groups([tmp_path])
+    first = summarise_run(group.runs[0])
+    assert (first["restarts"], first["episodes"], first["steps"], first["wall_s"]) == (1, 40, 400, 40.0)
+    assert first["budget_episodes"] == 1030 and first["best_policy"] == {
+        "episode": 40.0,
+        "success": 1.0,
+        "time_s": 20.0,
+    }
+    assert all(one < two for one, two in pairwise(group.runs[0].episodes["total_steps"]))
+    assert "seed0: unfinished, 40 of 1030 episodes; restarts after a collapse: 1" in learning_table(
+        [summarise_group(group)]
+    )
+
+
+def test_a_run_under_way_is_read_up_to_its_last_whole_row(trained, tmp_path):
+    folder = shutil.copytree(trained / "fomt-seed0", tmp_path / "run")
+    (folder / "summary.json").unlink()
+    with (folder / "episodes.csv").open() as file:
+        text = file.read()
+    (folder / "episodes.csv").write_text(text[: text.rindex(",", 0, text.rindex(","))])
+    (group,) = read_groups([folder])
+    assert len(group.runs[0].episodes["return"]) == 21 and not group.runs[0].finished
+
+
+def test_folders_that_cannot_be_told_apart_or_hold_no_run_are_refused(trained, tmp_path):
+    with pytest.raises(ConfigError, match=r"no training run in .*config\.json and episodes\.csv"):
+        read_groups([tmp_path])
+    assert len(read_groups([trained, trained / "ft-seed0"])) == 2  # named twice, read once
+    shutil.copytree(trained / "ft-seed0", tmp_path / "copy")
+    with pytest.raises(ConfigError, match="are the same run, seed 0; name one of them"):
+        read_groups([trained, tmp_path])
+    (tmp_path / "copy" / "config.json").write_text("{}")
+    with pytest.raises(ConfigError, match=r"copy/config\.json is not the settings of a training run"):
+        read_groups([tmp_path])
+
+
+def test_the_command_prints_the_table_or_one_line_of_json(trained, tmp_path, capfd):
+    assert main(["curves", str(trained / "ft-seed0"), "--out", str(tmp_path), "--json"]) == 0
+    result = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert result["folder"] == str(tmp_path) and result["groups"][0]["reward"] == "ft"
+    assert main(["curves", str(tmp_path / "nothing")]) == 2
+    assert "no training run in" in capfd.readouterr().err
