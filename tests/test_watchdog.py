@@ -153,6 +153,20 @@ def test_a_circle_is_measured_as_driven(evaluate) -> None:
     assert "the exit is worth +50" in measured["paid_to_stay"]
 
 
+@pytest.mark.parametrize(("reward", "pay"), [("fomt", 1.1), ("fot", 8.7), ("ft", 9.1)])
+def test_circling_pays_where_there_is_the_space_for_it(reward: str, pay: float, worlds) -> None:
+    task = replace(TASK, reward=REWARD_PRESETS[reward], episode=EpisodeConfig(max_steps=135))  # three circles
+    drive = Drive(task, worlds("room"))
+    record = run_episode(drive, FULL_LOCK, 0, 0)
+    drive.close()
+    assert record.reward.mean() == pytest.approx(pay, abs=0.1)
+
+
+@pytest.mark.parametrize(("case", "pay"), [("no motion", -4.4), ("to and fro in a passage", -5.2)])
+def test_staying_in_a_passage_costs(case: str, pay: float, evaluate) -> None:
+    assert evaluate(case)[0].reward.mean() == pytest.approx(pay, abs=0.2)
+
+
 def test_a_car_that_drove_well_and_then_stopped_was_not_paid_to_stay() -> None:
     drive = Drive(replace(TASK, reward=REWARD_PRESETS["ft"]), load_world("track_2"))
     record = run_episode(drive, StopsAfter(load_agent("shipped", TASK)), 0, 0)
