@@ -227,8 +227,8 @@ class Watchdog:
     def confirmed(self) -> Finding | None:
         """The first collapse, in the order of `COLLAPSES`, that has lasted for `patience` evaluations, if any.
 
-        None before `min_share` of the run, and while fewer than `most` of the episodes fail: where the policy drives out,
-        a critic that stands still has nothing left to learn.
+        None before `min_share` of the run, and while fewer than `most` of the episodes fail: where the policy drives
+        out, a critic that stands still has nothing left to learn.
         """
         return self._confirmed
 
