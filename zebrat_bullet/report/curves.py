@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-BLOCK = 20
+from zebrat_bullet.report.learning_curves import BLOCK
 
 
 def draw_learning_curve(folder: Path, path: Path) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.report.learning_runs import RunGroup, TrainingRun
 
 BLOCK = 20
-"""Episodes of which the paper's training curve shows the best, and over which training success is averaged."""
+"""Episodes of which the paper's training curve shows the best, and over which success and return are averaged."""
 GRID = 201
 PROGRESS = ("noise-free success", f"success of the last {BLOCK} episodes", f"return of the last {BLOCK} episodes")
 
@@ -101,8 +101,7 @@ def progress(groups: Sequence[RunGroup], axis: Literal["steps", "hours"]) -> lis
     Noise-free success in the evaluations; success and mean return of the last 20 training episodes.
     """
     column, unit = ("total_steps", 1.0) if axis == "steps" else ("wall_s", 3600.0)
-    ends = {id(run): _end(run, column) / unit for group in groups for run in group.runs}
-    grid = np.linspace(0.0, max(ends.values()), GRID)
+    grid = np.linspace(0.0, max(_end(run, column) for group in groups for run in group.runs), GRID)
     curves = []
     for group in groups:
         of_seeds: dict[str, list[NDArray[np.float64]]] = {name: [] for name in PROGRESS}
@@ -114,8 +113,8 @@ def progress(groups: Sequence[RunGroup], axis: Literal["steps", "hours"]) -> lis
                 (episodes[column], _trailing_mean(episodes["return"])),
             )
             for name, (x, y) in zip(PROGRESS, known, strict=True):
-                of_seeds[name].append(at_grid(x / unit, y, grid, ends[id(run)]))
-        curves += [Curve(group, name, _band(grid, values)) for name, values in of_seeds.items()]
+                of_seeds[name].append(at_grid(x, y, grid, _end(run, column)))
+        curves += [Curve(group, name, _band(grid / unit, values)) for name, values in of_seeds.items()]
     return curves
 
 
