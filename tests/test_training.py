@@ -17,19 +17,18 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
-from zebrat_bullet.training.ddpg import actor_to_agent, build_ddpg
+from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, CsvLog
-from zebrat_bullet.training.presets import TRAIN_PRESETS, TrainConfig
-from zebrat_bullet.training.run import resume, summarise, train
+from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
+from zebrat_bullet.training.run import is_finished, resume, summarise, train
+from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 
 TINY = TrainConfig(
+    learner=DDPGConfig(hidden=(16, 16), batch_size=16, buffer_size=2000, warmup_steps=20),
     worlds=("track_2",),
     episodes=8,
-    hidden=(16, 16),
-    batch_size=16,
-    buffer_size=2000,
-    warmup_steps=20,
     eval_every=4,
     eval_episodes=1,
     checkpoint_every=2,
@@ -37,19 +36,30 @@ TINY = TrainConfig(
 )
 
 
+def tiny(algo: str) -> TrainConfig:
+    """Return a run of another algorithm, as small."""
+    small = {"hidden": (16, 16), "batch_size": 16} | (
+        {"n_steps": 50} if algo.startswith("ppo") else {"buffer_size": 2000, "warmup_steps": 20}
+    )
+    return replace(TINY, learner=replace(ALGORITHMS[algo], **small))
+
+
 @pytest.fixture
 def learner():
     env = ZebratEnv("track_2", task=TINY.task)
-    yield build_ddpg(TINY, env, env.spec_observation), env
+    yield build_learner(TINY, env, env.spec_observation), env
     env.close()
 
 
 def test_the_paper_preset_is_the_papers():
-    paper = TRAIN_PRESETS["paper"]
+    run = TRAIN_PRESETS["paper"]
+    paper = run.learner
+    assert run == paper_config("ddpg", "fomt")
     assert (paper.actor_lr, paper.critic_lr, paper.hidden) == (1e-4, 2e-4, (512, 512))
     assert (paper.buffer_size, paper.batch_size, paper.gamma, paper.tau) == (200_000, 64, 0.99, 0.005)
-    assert (paper.epsilon, paper.sigma, paper.episodes) == (0.8, 0.1, 1000)
-    assert paper.n_critics == paper.policy_delay == paper.n_step == 1 and not paper.mirror
+    assert (paper.epsilon, paper.sigma, run.episodes) == (0.8, 0.1, 1000)
+    assert paper.n_critics == paper.policy_delay == paper.hold_steps == 1 and not paper.mirror
+    assert all(learner.hidden == (512, 512) and learner.algo == name for name, learner in ALGORITHMS.items())
 
 
 def test_actor_and_critic_keep_their_own_rates(learner):
@@ -63,15 +73,26 @@ def test_epsilon_falls_linearly_over_the_episodes_to_zero(learner):
     model, _ = learner
     seen = []
     for model._episode_num in (0, 4, 8, 9):
+        model._update_current_progress_remaining(100, 10**9)
         seen.append(model.epsilon)
     assert seen == pytest.approx([0.8, 0.4, 0.0, 0.0])
+
+
+def test_a_length_in_steps_ends_the_schedules_too(learner):
+    model, _ = learner
+    model.n_steps_of_run = 400
+    seen = []
+    for steps in (100, 300, 400):
+        model._update_current_progress_remaining(steps, 10**9)
+        seen.append(model.epsilon)
+    assert seen == pytest.approx([0.6, 0.2, 0.0])
 
 
 def test_exploration_is_uniform_with_probability_epsilon_and_else_near_the_policy(learner):
     model, env = learner
     observation, _ = env.reset(seed=0)
     model._last_obs = np.repeat(observation[None], 2000, axis=0)
-    model.num_timesteps, model._episode_num = 1000, 4
+    model.num_timesteps, model._current_progress_remaining = 1000, 0.5
     policy, _ = model.predict(observation)
     actions, stored = model._sample_action(20, n_envs=2000)
     near = (np.abs(actions - policy) < 0.5).all(axis=1).mean()
@@ -79,20 +100,27 @@ def test_exploration_is_uniform_with_probability_epsilon_and_else_near_the_polic
     assert 0.6 + 0.4 * 0.2 < near < 0.6 + 0.4 * 0.35  # a uniform action is as near in about 0.25 of all cases
 
 
-def test_the_exported_policy_acts_as_the_actor_does(learner, tmp_path):
-    model, env = learner
-    agent = actor_to_agent(model, "x", env.spec_observation, {})
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_the_exported_policy_acts_as_the_learner_predicts(algo):
+    env = ZebratEnv("track_2", task=TINY.task, discrete=algo in DISCRETE)
+    model = build_learner(tiny(algo), env, env.spec_observation)
+    if algo.startswith("ppo"):  # its last layer begins so small that no clip shows
+        with torch.no_grad():
+            model.policy.action_net.weight.mul_(300.0)
+    agent = to_agent(model, "x", env.spec_observation, {})
     for seed in range(5):
         observation = np.random.default_rng(seed).uniform(-1, 1, 34).astype(np.float32)
-        with torch.no_grad():
-            expected = model.actor(torch.from_numpy(observation)[None])[0].numpy()
-        assert agent.action(observation) == pytest.approx(expected, abs=1e-5)
+        expected, _ = model.predict(observation, deterministic=True)
+        assert agent.action(observation) == pytest.approx(
+            DISCRETE_COMMANDS[int(expected)] if algo in DISCRETE else expected, abs=1e-5
+        )
+    env.close()
 
 
 def test_a_mirrored_batch_is_half_mirrored(learner):
     model, _ = learner
-    config = replace(TINY, mirror=True, reward_scale=0.1)
-    buffer = build_ddpg(config, model.env, ZebratEnv("track_2", task=TINY.task).spec_observation).replay_buffer
+    config = replace(TINY, learner=replace(TINY.learner, mirror=True, reward_scale=0.1))
+    buffer = build_learner(config, model.env, ZebratEnv("track_2", task=TINY.task).spec_observation).replay_buffer
     row = np.arange(34, dtype=np.float32)[None]
     for _ in range(40):
         buffer.add(row, row, np.array([[0.5, 0.5]], np.float32), np.array([10.0]), np.array([False]), [{}])
@@ -133,17 +161,29 @@ def kill_after_episode(folder, config, episode: int) -> None:
     process.wait()
 
 
-def test_a_killed_run_resumes_and_ends_in_the_same_weights_as_one_never_killed(tmp_path):
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_a_killed_run_resumes_and_ends_in_the_same_weights_as_one_never_killed(algo, tmp_path):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    config = replace(TINY, episodes=12)
+    config = replace(tiny(algo), episodes=12)
     train(config, whole)
-    kill_after_episode(killed, config, 5)
+    kill_after_episode(killed, config, 7)
     logged = len(CsvLog(killed / "episodes.csv", EPISODE_COLUMNS).rows())
-    assert 5 <= logged < 12
+    assert 7 <= logged < 12 and not is_finished(killed)
     resume(killed)
-    rows = CsvLog(killed / "episodes.csv", EPISODE_COLUMNS).rows()
-    assert [int(row["episode"]) for row in rows] == list(range(1, 13))
+    assert is_finished(killed)
+    rows = [CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows() for folder in (whole, killed)]
+    assert [int(row["episode"]) for row in rows[1]] == list(range(1, 13))
+    assert [row["return"] for row in rows[0]] == [row["return"] for row in rows[1]]
     one, two = load_file(whole / "last.safetensors"), load_file(killed / "last.safetensors")
+    assert all(np.array_equal(one[key], two[key]) for key in one)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "sac"])
+def test_environments_in_processes_of_their_own_change_no_number(algo, tmp_path):
+    config = replace(tiny(algo), n_envs=2)
+    train(config, tmp_path / "one")
+    train(replace(config, overlap=True), tmp_path / "several")
+    one, two = (load_file(tmp_path / name / "last.safetensors") for name in ("one", "several"))
     assert all(np.array_equal(one[key], two[key]) for key in one)
 
 
@@ -157,23 +197,23 @@ def test_what_cannot_be_resumed_says_why(tmp_path):
     with pytest.raises(ConfigError, match="holds no training run"):
         resume(tmp_path)
     with pytest.raises(ZebratError, match="no checkpoint was written yet"):
-        load_checkpoint(tmp_path / "checkpoint", None)
+        load_checkpoint(tmp_path / "checkpoint", "ddpg", None)
 
 
 def test_a_lopsided_car_is_not_trained_on_mirrored_transitions(tmp_path):
-    lopsided = replace(TINY, mirror=True, task=replace(TINY.task, robot="hexagon"))
-    with pytest.raises(ConfigError, match="'hexagon' is not: set mirror=false"):
+    lopsided = replace(TINY, learner=replace(TINY.learner, mirror=True), task=replace(TINY.task, robot="hexagon"))
+    with pytest.raises(ConfigError, match="'hexagon' is not: set learner.mirror=false"):
         train(lopsided, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
-    config = with_overrides(TINY, ["batch_size=128", "task.reward.log_base=2.5", "task.reward.weights.M=0"])
-    assert config.batch_size == 128 and config.task.reward.log_base == 2.5 and config.task.reward.weights["M"] == 0
-    with pytest.raises(ConfigError, match=r"cannot set 'bach_size=1'.*batch_size"):
-        with_overrides(TINY, ["bach_size=1"])
+    config = with_overrides(TINY, ["learner.batch_size=128", "task.reward.log_base=2.5", "task.reward.weights.M=0"])
+    assert config.learner.batch_size == 128 and config.task.reward.log_base == 2.5 and config.task.reward.weights["M"] == 0
+    with pytest.raises(ConfigError, match=r"cannot set 'learner.bach_size=1'.*batch_size"):
+        with_overrides(TINY, ["learner.bach_size=1"])
     with pytest.raises(ConfigError, match="tau must be in"):
-        with_overrides(TINY, ["tau=3"])
+        with_overrides(TINY, ["learner.tau=3"])
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path):
@@ -185,7 +225,8 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path):
 def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
     train(replace(TINY, episodes=4), tmp_path / "first")
     first = load_file(tmp_path / "first" / "best.safetensors")
-    config = replace(TINY, episodes=1, seed=9, warmup_steps=1000, init=str(tmp_path / "first" / "best.zip"))
+    config = replace(TINY, episodes=1, seed=9, init=str(tmp_path / "first" / "best.zip"))
+    config = replace(config, learner=replace(config.learner, warmup_steps=1000))
     train(config, tmp_path / "second")  # one random episode: nothing is learned, so the networks are as they began
     second = load_file(tmp_path / "second" / "last.safetensors")
     assert all(np.array_equal(first[key], second[key]) for key in first)
@@ -193,7 +234,8 @@ def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
 
 def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_epsilon(learner):
     _, env = learner
-    model = build_ddpg(replace(TINY, hold_steps=8, epsilon=0.3), learner[0].env, env.spec_observation)
+    config = replace(TINY, learner=replace(TINY.learner, hold_steps=8, epsilon=0.3))
+    model = build_learner(config, learner[0].env, env.spec_observation)
     explores, held = [], []
     for _ in range(4000):
         explores.append(bool(model._hold_random_actions(1)[0, 0]))
@@ -205,7 +247,8 @@ def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_
 
 def test_learning_rates_fall_to_their_final_share(learner):
     _, env = learner
-    model = build_ddpg(replace(TINY, lr_final=0.1), learner[0].env, env.spec_observation)
-    model._episode_num = TINY.episodes
+    config = replace(TINY, learner=replace(TINY.learner, lr_final=0.1))
+    model = build_learner(config, learner[0].env, env.spec_observation)
+    model._current_progress_remaining = 0.0
     model._update_learning_rate([])
     assert model.actor.optimizer.param_groups[0]["lr"] == pytest.approx(1e-5)

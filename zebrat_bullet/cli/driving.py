@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,13 +151,17 @@ def robots(arguments: argparse.Namespace) -> Result:
 
 
 def bench(arguments: argparse.Namespace) -> Result:
-    """Time the full environment step and its parts, for both ray casters; with --agent, how long an agent thinks."""
+    """Time the environment step and its parts, for both ray casters; or an agent's thinking; or learning."""
     from zebrat_bullet.bench import bench_agent, bench_text, run_bench
 
-    if arguments.agent:
-        result: dict[str, dict[str, float]] = {
-            arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)
-        }
+    if arguments.learning:
+        from zebrat_bullet.training.bench import bench_learning
+        from zebrat_bullet.training.presets import TRAIN_PRESETS
+
+        config = replace(TRAIN_PRESETS[arguments.learning], worlds=(arguments.world,), seed=arguments.seed)
+        result = bench_learning(config, arguments.steps, arguments.rounds)
+    elif arguments.agent:
+        result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)}
     else:
         result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz)
     if arguments.out:
@@ -234,5 +239,10 @@ def add(command: AddCommand) -> None:
     made = command(bench)
     made.add_argument("--world", default="big_track")
     made.add_argument("--agent", help="time this agent instead, in one episode")
+    made.add_argument(
+        "--learning", metavar="PRESET", choices=("paper", "general", "fast"),
+        help="time learning with this preset's DDPG instead, beside Stable-Baselines3's own",
+    )  # fmt: skip
     made.add_argument("--steps", type=int, default=1000)
+    made.add_argument("--rounds", type=int, default=5, help="of --learning, each of so many --steps (default 5)")
     made.add_argument("--rate-hz", type=float, default=None, help="physics rate (default: the task's)")

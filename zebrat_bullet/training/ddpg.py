@@ -35,6 +35,7 @@ class PaperDDPG(RunBudget, DDPG):
         """Do the gradient steps of `TD3.train`, faster."""
         if self._update is None:
             self._update = DDPGUpdate(self, self.settings.precision)
+        assert self.replay_buffer is not None
         self._update_learning_rate([])
         loss = torch.zeros(())
         for _ in range(gradient_steps):

@@ -23,11 +23,11 @@ class _Mlp:
 
     def __init__(self, module: nn.Module, dtype: torch.dtype) -> None:
         linear = [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
-        for parameter in module.parameters():
-            parameter.grad = torch.zeros_like(parameter)
         self.weights = [layer.weight.data for layer in linear]
         self.biases = [layer.bias.data for layer in linear]
-        self._gradients = [(layer.weight.grad, layer.bias.grad) for layer in linear]
+        self._gradients = [(torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)) for layer in linear]
+        for layer, gradients in zip(linear, self._gradients, strict=True):
+            layer.weight.grad, layer.bias.grad = gradients
         self._inner = range(1, len(linear) - 1)
         self._dtype = dtype
         self._low = {i: self.weights[i].to(dtype) for i in self._inner}

@@ -61,8 +61,20 @@ def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -
         "train_freq": 1,
         "gradient_steps": 0,  # they are done while the environments step: see OverlappedVecEnv
     }
+    model = _build_off_policy(settings, common, network, observation)
+    if isinstance(model, RunBudget):
+        model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
+    return model
+
+
+def _build_off_policy(
+    settings: DDPGConfig | DQNConfig | SACConfig,
+    common: dict[str, Any],
+    network: dict[str, Any],
+    observation: ObservationSpec,
+) -> BaseAlgorithm:
     if isinstance(settings, DQNConfig):
-        model: Any = PaperDQN(
+        return PaperDQN(
             "MlpPolicy",
             **common,
             policy_kwargs=network,
@@ -72,22 +84,11 @@ def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -
             exploration_final_eps=0.0,
             exploration_fraction=1.0,
         )
-    else:
-        seen = {"observation": observation, "mirror": settings.mirror, "reward_scale": settings.reward_scale}
-        common |= {"replay_buffer_class": MirrorReplayBuffer, "replay_buffer_kwargs": seen}
-        build = _build_sac if isinstance(settings, SACConfig) else _build_ddpg
-        model = build(settings, common, network)
-    if isinstance(model, RunBudget):
-        model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
-    return model
-
-
-def _build_sac(settings: SACConfig, common: dict[str, Any], network: dict[str, Any]) -> SAC:
-    return SAC("MlpPolicy", **common, policy_kwargs=network, learning_rate=settings.lr)
-
-
-def _build_ddpg(settings: DDPGConfig, common: dict[str, Any], network: dict[str, Any]) -> PaperDDPG:
-    network = network | {"n_critics": settings.n_critics}
+    seen = {"observation": observation, "mirror": settings.mirror, "reward_scale": settings.reward_scale}
+    common |= {"replay_buffer_class": MirrorReplayBuffer, "replay_buffer_kwargs": seen}
+    if isinstance(settings, SACConfig):
+        return SAC("MlpPolicy", **common, policy_kwargs=network, learning_rate=settings.lr)
+    network |= {"n_critics": settings.n_critics}
     model = PaperDDPG("MlpPolicy", **common, policy_kwargs=network, settings=settings)
     # SB3's DDPG is its TD3 with these switched off; a clip of 0 is no noise, but the sigma itself must be above 0.
     model.policy_delay = settings.policy_delay

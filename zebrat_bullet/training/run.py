@@ -24,7 +24,7 @@ from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.vec_env import make_vec_env
+from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import World, load_world
 from zebrat_bullet.world.generate import generate_track
 
@@ -109,7 +109,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
                 model.set_parameters(config.init, device="cpu")
         model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         if isinstance(model, OffPolicyAlgorithm):
-            vec_env.meanwhile = lambda: _learn_one_step(model)
+            learn_meanwhile(model, vec_env)
         provenance = {"config": json.loads(to_json(config))} | run_versions()
         callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
         model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
@@ -119,12 +119,6 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     if callback.collapse is not None:
         watchdog = replace(config.watchdog, restarts=config.watchdog.restarts - 1)
         train(replace(config, seed=config.seed + 1, watchdog=watchdog), folder / RESTART, on_progress)
-
-
-def _learn_one_step(model: OffPolicyAlgorithm) -> None:
-    """Do as many gradient steps as there are environments, which step at the same time."""
-    if model.num_timesteps > model.learning_starts:
-        model.train(gradient_steps=model.n_envs, batch_size=model.batch_size)
 
 
 def _require_symmetry(task: TaskConfig) -> None:

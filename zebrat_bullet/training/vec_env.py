@@ -6,10 +6,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 
@@ -54,7 +54,7 @@ class OverlappedVecEnv(VecEnvWrapper):
 
     meanwhile: Callable[[], None] | None = None
 
-    def reset(self) -> NDArray[np.float32]:
+    def reset(self) -> VecEnvObs:
         """Reset all environments."""
         return self.venv.reset()
 
@@ -73,8 +73,18 @@ def make_vec_env(n_envs: int, in_processes: bool, **env: Any) -> OverlappedVecEn
         in_processes: each in a process of its own, with one thread.
         env: arguments of ZebratEnv.
     """
-    make = [partial(_make_env, **env)] * n_envs
+    make: list[Callable[[], gymnasium.Env]] = [partial(_make_env, **env)] * n_envs
     return OverlappedVecEnv(SubprocVecEnv(make, start_method="spawn") if in_processes else DummyVecEnv(make))
+
+
+def learn_meanwhile(model: OffPolicyAlgorithm, vec_env: OverlappedVecEnv) -> None:
+    """Let a learner do as many gradient steps as there are environments, while these step."""
+
+    def learn() -> None:
+        if model.num_timesteps > model.learning_starts:
+            model.train(gradient_steps=model.n_envs, batch_size=model.batch_size)
+
+    vec_env.meanwhile = learn
 
 
 def _make_env(**env: Any) -> gymnasium.Env:
