@@ -46,7 +46,8 @@ def test_several_agents_are_judged_on_the_same_episodes_and_compared(tmp_path):
 
 
 def test_train_writes_a_run_that_evaluate_accepts(tmp_path):
-    settings = ("episodes=3", "hidden=[16,16]", "warmup_steps=20", "eval_every=2", "eval_episodes=1", "batch_size=16")
+    learner = ("learner.hidden=[16,16]", "learner.warmup_steps=20", "learner.batch_size=16")
+    settings = ("episodes=3", "eval_every=2", "eval_episodes=1", *learner)
     run = tmp_path / "run"
     answer = result("train", "--worlds", "track_2", "--out", run, "--quiet", "--set", *settings)
     assert answer["episodes"] == 3 and (run / "learning_curve.png").stat().st_size > 10_000

@@ -205,18 +205,26 @@ class RunCallback(BaseCallback):
         probe = None
         if len(self._probes) == N_PROBES:
             probe = CriticProbe(critic_values(self.model, np.array(self._probes, dtype=np.float32)))
-        for finding in self._watchdog.examine(records, probe, min(self._share_done(), 1.0)):
+        share = min(self._share_done(), 1.0)
+        for finding in self._watchdog.examine(records, probe, share):
             self._findings.append(finding.row(self._episode))
-            path = self._folder / "collapse" / f"episode_{self._episode:05d}_{finding.name}.npz"
             if finding == self._watchdog.confirmed:
-                path.parent.mkdir(exist_ok=True)
-                save_record(finding.record, path)
-                logger.warning(
-                    "%s: after episode %d: %s: %s; see it by `zebrat replay %s`",
-                    self._folder, self._episode, finding.name, finding.measured, path,
-                )  # fmt: skip
-                if self._config.watchdog.restarts:
+                self._show(finding)
+                if self._config.watchdog.restarts and share < 1.0:
                     self.collapse = finding
+
+    def _show(self, finding: Finding) -> None:
+        """Keep the first episode that shows a lasting collapse, and say where it is."""
+        folder = self._folder / "collapse"
+        folder.mkdir(exist_ok=True)
+        if any(folder.glob(f"*_{finding.name}.npz")):
+            return
+        path = folder / f"episode_{self._episode:05d}_{finding.name}.npz"
+        save_record(finding.record, path)
+        logger.warning(
+            "after episode %d: %s: %s; `zebrat replay %s` shows it",
+            *(self._episode, finding.name, finding.measured, path),
+        )
 
     def _refuse_non_finite(self) -> None:
         if all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
