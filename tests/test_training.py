@@ -17,6 +17,7 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
+from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
@@ -24,6 +25,7 @@ from zebrat_bullet.training.logs import EPISODE_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import is_finished, resume, summarise, train
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, WatchdogConfig
 
 TINY = TrainConfig(
     learner=DDPGConfig(hidden=(16, 16), batch_size=16, buffer_size=2000, warmup_steps=20),
@@ -187,6 +189,24 @@ def test_environments_in_processes_of_their_own_change_no_number(algo, tmp_path)
     assert all(np.array_equal(one[key], two[key]) for key in one)
 
 
+def test_a_collapsed_run_is_shown_and_the_next_seed_begun(tmp_path):
+    run = tmp_path / "run"
+    watchdog = WatchdogConfig(patience=1, min_share=0.0, restarts=1, crash_steps=60, still_m=100.0)
+    train(replace(TINY, watchdog=watchdog), run)
+    found = CsvLog(run / "watchdog.csv", WATCHDOG_COLUMNS).rows()
+    assert [row["episode"] for row in found[:1]] == ["4"] and len(
+        CsvLog(run / "episodes.csv", EPISODE_COLUMNS).rows()
+    ) == 4
+    (shown,) = (run / "collapse").glob("episode_00004_*.npz")
+    assert load_record(shown).outcome != "success"
+    again = json.loads((run / "restart" / "config.json").read_text())
+    assert again["seed"] == 1 and again["watchdog"]["restarts"] == 0
+    assert json.loads((run / "summary.json").read_text())["restarted_in"] == str(run / "restart")
+    (run / "summary.json").unlink()  # killed just before it was written
+    resume(run)
+    assert is_finished(run) and is_finished(run / "restart")
+
+
 def test_several_environments_feed_one_learner(tmp_path):
     train(replace(TINY, n_envs=2, episodes=6), tmp_path / "run")
     rows = CsvLog(tmp_path / "run" / "episodes.csv", EPISODE_COLUMNS).rows()
@@ -202,14 +222,16 @@ def test_what_cannot_be_resumed_says_why(tmp_path):
 
 def test_a_lopsided_car_is_not_trained_on_mirrored_transitions(tmp_path):
     lopsided = replace(TINY, learner=replace(TINY.learner, mirror=True), task=replace(TINY.task, robot="hexagon"))
-    with pytest.raises(ConfigError, match="'hexagon' is not: set learner.mirror=false"):
+    with pytest.raises(ConfigError, match=r"'hexagon' is not: set learner\.mirror=false"):
         train(lopsided, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
     config = with_overrides(TINY, ["learner.batch_size=128", "task.reward.log_base=2.5", "task.reward.weights.M=0"])
-    assert config.learner.batch_size == 128 and config.task.reward.log_base == 2.5 and config.task.reward.weights["M"] == 0
+    assert (
+        config.learner.batch_size == 128 and config.task.reward.log_base == 2.5 and config.task.reward.weights["M"] == 0
+    )
     with pytest.raises(ConfigError, match=r"cannot set 'learner.bach_size=1'.*batch_size"):
         with_overrides(TINY, ["learner.bach_size=1"])
     with pytest.raises(ConfigError, match="tau must be in"):
