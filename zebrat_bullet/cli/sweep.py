@@ -1,9 +1,8 @@
 """The command that trains many policies: algorithms x rewards x worlds x seeds, here or on a Ray cluster."""
 
 import argparse
-import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 
 from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note
+from zebrat_bullet.errors import ConfigError
 
 COLOURS: dict[str, str] = {"failed": "red", "running": "bold", "waiting": "dim", "done": "green"}
 """Of every state of a run, those first that a person wants to see first."""
@@ -24,17 +24,19 @@ def sweep(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.training.sweep_local import run_locally
     from zebrat_bullet.training.sweep_ray import run_on_ray
 
+    if arguments.retries < 0:
+        raise ConfigError(f"retries must be at least 0, got {arguments.retries}")
     folder = (arguments.out or Path("runs/sweep")).resolve()
     runs = open_sweep(_sweep_of(arguments, folder), folder)
-    with _live_table(arguments, runs) as show:
-        try:
+    try:
+        with _live_table(arguments, runs) as show:
             if arguments.ray:
                 run_on_ray(runs, arguments.ray, arguments.retries, show)
             else:
                 run_locally(runs, arguments.workers, arguments.retries, show)
-        except KeyboardInterrupt:
-            note(arguments, f"nothing finished is lost; `zebrat sweep --out {folder}` continues from the checkpoints")
-            raise
+    except KeyboardInterrupt:
+        note(arguments, f"nothing finished is lost; `zebrat sweep --out {folder}` continues from the checkpoints")
+        raise
     result = {run.name: _summary(run) for run in runs}
     text = "\n".join(_line(name, summary) for name, summary in result.items()) + f"\ncurves and policies: {folder}"
     if failed := [name for name, summary in result.items() if "error" in summary]:
@@ -57,7 +59,7 @@ def _sweep_of(arguments: argparse.Namespace, folder: Path) -> Any:
 
 
 @contextmanager
-def _live_table(arguments: argparse.Namespace, runs: Mapping[Path, Any]) -> Iterator[Any]:
+def _live_table(arguments: argparse.Namespace, runs: Mapping[Path, Any]) -> Iterator[Callable[[], None]]:
     if arguments.quiet:
         yield lambda: None
         return
@@ -87,9 +89,9 @@ def _table(runs: Mapping[Path, Any]) -> Table:
 
 
 def _summary(run: Path) -> dict[str, Any]:
-    if (run / "summary.json").is_file():
-        return json.loads((run / "summary.json").read_text())
-    return {"folder": str(run), "error": (run / "error.txt").read_text().splitlines()[-1]}
+    from zebrat_bullet.training.sweep_run import ERROR, read_summary
+
+    return read_summary(run) or {"folder": str(run), "error": (run / ERROR).read_text().splitlines()[-1]}
 
 
 def _line(name: str, summary: Mapping[str, Any]) -> str:
@@ -111,7 +113,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default: --seed)")
     made.add_argument("--preset", help="settings to begin with (default: the paper's)")
     made.add_argument("--set", nargs="+", metavar="KEY=VALUE", help="override settings of all runs, e.g. episodes=500")
-    made.add_argument("--workers", type=int, help="runs at a time (default: as many as there are cores for)")
+    made.add_argument("--workers", type=int, help="runs at a time here (default: as many as there are cores for)")
     made.add_argument("--retries", type=int, default=2, help="how often to resume a run whose process dies (default 2)")
     made.add_argument(
         "--ray", metavar="ADDRESS", help="run on this Ray cluster; --out must be on storage its nodes share"

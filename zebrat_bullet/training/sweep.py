@@ -12,9 +12,8 @@ from zebrat_bullet.config import from_json, to_json, with_overrides, with_reward
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config
-from zebrat_bullet.training.run import is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep_run import has_checkpoint
+from zebrat_bullet.training.sweep_run import has_checkpoint, read_summary
 from zebrat_bullet.world import load_world
 
 AXES = ("algos", "rewards", "worlds", "seeds")
@@ -152,7 +151,7 @@ def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:
 
 def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
     """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
-    if not (is_finished(run) or has_checkpoint(run)):
+    if read_summary(run) is None and not has_checkpoint(run):
         return
     before = json.loads((run / "config.json").read_text())
     now = json.loads(to_json(config))

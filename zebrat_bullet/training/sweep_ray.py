@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.run import is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep_run import LOCK, Outcome, cores_of, lock, perform, record_failure
+from zebrat_bullet.training.sweep_run import LOCK, Outcome, cores_of, lock, perform, read_summary, record_failure
 
 TICK_S = 1.0
 
@@ -44,14 +43,15 @@ def run_on_ray(
 
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
+        _require_reachable(address)
         ray.init(address, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise ConfigError(f"no Ray cluster to use at {address!r}: {error}") from error
     try:
         with (folder / LOCK).open("a") as held:
             lock(held.fileno(), fcntl.LOCK_SH)
             for run in runs:
-                if not is_finished(run):
+                if read_summary(run) is None:
                     submit(run)
             while pending:
                 ready, _ = ray.wait(list(pending), num_returns=len(pending), timeout=TICK_S)
@@ -67,6 +67,13 @@ def run_on_ray(
                 on_tick()
     finally:
         ray.shutdown()
+
+
+def _require_reachable(address: str) -> None:
+    """Try what `ray.init` would otherwise try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host, int(port)), timeout=10.0).close()
 
 
 def _perform_on_node(config: TrainConfig, run: Path) -> Outcome:

@@ -1,6 +1,7 @@
 """One run of a sweep: claimed by one process at a time, begun or resumed, never run twice; read by any other."""
 
 import fcntl
+import json
 import os
 import shutil
 import socket
@@ -11,12 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.training.run import is_finished, resume, train
 from zebrat_bullet.training.settings import TrainConfig
 
 LOCK, ERROR, OUTPUT = "lock", "error.txt", "output.txt"
@@ -61,6 +61,14 @@ def has_checkpoint(folder: Path) -> bool:
     return (folder / "checkpoint").is_dir() or (folder / "checkpoint.old").is_dir()
 
 
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Return what a run has reached, None if it is not finished."""
+    try:
+        return json.loads((folder / "summary.json").read_text())
+    except FileNotFoundError:
+        return None
+
+
 def perform(config: TrainConfig, folder: Path) -> Outcome:
     """Take a run to its end: resume it from its checkpoint, or begin it anew.
 
@@ -68,10 +76,12 @@ def perform(config: TrainConfig, folder: Path) -> Outcome:
         DONE if it is finished, now or before; FAILED if it raised (its traceback is in error.txt); BUSY if another
         process holds it, which then alone writes to the folder.
     """
+    from zebrat_bullet.training.run import resume, train  # torch: seconds that who only watches a sweep need not wait
+
     with claim(folder) as mine:
         if not mine:
             return Outcome.BUSY
-        if is_finished(folder):
+        if read_summary(folder) is not None:
             return Outcome.DONE
         try:
             with threadpool_limits(1):
@@ -144,7 +154,7 @@ def status(folder: Path) -> RunStatus:
 
 
 def _state(folder: Path) -> Literal["running", "waiting", "done", "failed"]:
-    if is_finished(folder):
+    if read_summary(folder) is not None:
         return "done"
     if is_claimed(folder):
         return "running"

@@ -1,0 +1,191 @@
+"""Sweeps in processes of this machine: killed, failing, stopped and extended, and nothing finished is run twice."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from zebrat_bullet.config import to_json
+from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.training.run import is_finished
+from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
+from zebrat_bullet.training.sweep_run import Outcome, claim, has_checkpoint, perform, status
+
+ZEBRAT = Path(sys.executable).parent / "zebrat"
+
+TINY = (
+    "episodes=6",
+    "learner.hidden=[16,16]",
+    "learner.batch_size=16",
+    "learner.buffer_size=2000",
+    "learner.warmup_steps=200",
+    "eval_every=6",
+    "eval_episodes=1",
+    "checkpoint_every=1",
+    "task.lidar.n_channels=4",
+    "task.episode.max_steps=60",
+)
+
+
+def episodes(run: Path) -> list[int]:
+    with (run / "episodes.csv").open() as file:
+        return [int(row["episode"]) for row in csv.DictReader(file)]
+
+
+def holder(run: Path) -> int | None:
+    """Return the process that last held a run."""
+    lock = run / "lock"
+    said = lock.read_text().split() if lock.exists() else []
+    return int(said[1]) if len(said) == 2 else None
+
+
+def zebrat_sweep(folder: Path, *arguments: object) -> subprocess.Popen[str]:
+    command = [ZEBRAT, "sweep", "--out", folder, "--json", *arguments]
+    return subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_until_in_the_middle(run: Path, process: subprocess.Popen[str]) -> int:
+    """Wait until a run has a checkpoint and is not finished; return the process that holds it."""
+    while not (has_checkpoint(run) and status(run).state == "running"):
+        assert process.poll() is None and not is_finished(run), process.communicate()
+        time.sleep(0.02)
+    return holder(run)
+
+
+def summary_times(folder: Path) -> dict[Path, float]:
+    return {path: path.stat().st_mtime for path in folder.glob("*/summary.json")}
+
+
+def test_a_killed_worker_is_resumed_a_failing_run_fails_alone_and_nothing_finished_runs_again(tmp_path):
+    folder = tmp_path / "sweep"
+    runs = open_sweep(Sweep(algos=("ddpg", "sac"), worlds=("track_2",), seeds=(0, 1), set=TINY), folder)
+    killed, _, broken, _ = runs
+    (broken / "checkpoint").mkdir(parents=True)  # holds nothing: to resume from it raises
+    (broken / "config.json").write_text(to_json(runs[broken]))
+
+    sweep = zebrat_sweep(folder)
+    os.kill(wait_until_in_the_middle(killed, sweep), signal.SIGKILL)
+    at = time.time()
+    said, errors = sweep.communicate()
+    summaries = json.loads(said)
+    assert sweep.returncode == 1 and f"1 of 4 runs failed: {broken.name}" in errors
+    assert {name for name, summary in summaries.items() if "error" in summary} == {broken.name}
+    assert "FileNotFoundError" in summaries[broken.name]["error"] and "Traceback" in (broken / "error.txt").read_text()
+    assert all(episodes(run) == [1, 2, 3, 4, 5, 6] for run in runs if run != broken)
+    begun, ended = ((killed / name).stat().st_mtime for name in ("versions.json", "summary.json"))
+    assert begun < at < ended  # it went on from its checkpoint: a new beginning writes versions.json
+
+    before = summary_times(folder)
+    assert len(before) == 3
+    shutil.rmtree(broken / "checkpoint")
+    sweep = zebrat_sweep(folder)
+    worker = wait_until_in_the_middle(broken, sweep)
+    sweep.send_signal(signal.SIGINT)
+    said, errors = sweep.communicate()
+    assert sweep.returncode == 130 and said == "" and f"`zebrat sweep --out {folder}` continues" in errors
+    assert not psutil.pid_exists(worker) and status(broken).state == "waiting"
+    assert summary_times(folder) == before
+
+
+def test_a_run_belongs_to_one_process_at_a_time(tmp_path):
+    with claim(tmp_path) as mine:
+        assert mine and status(tmp_path).state == "running"
+        assert perform(TrainConfig(), tmp_path) is Outcome.BUSY
+    assert status(tmp_path).state == "waiting"
+    with claim(tmp_path) as mine:
+        assert mine
+
+
+def test_a_finished_run_is_left_as_it_is(tmp_path):
+    (tmp_path / "summary.json").write_text("{}")
+    assert perform(TrainConfig(), tmp_path) is Outcome.DONE
+    assert {path.name for path in tmp_path.iterdir()} == {"summary.json", "lock"}
+
+
+def test_a_sweep_may_grow_and_not_otherwise_change(tmp_path):
+    small = Sweep(seeds=(0, 1), set=("episodes=10",))
+    assert [run.name for run in open_sweep(small, tmp_path)] == [f"ddpg-fomt-big_track-seed{k}" for k in (0, 1)]
+    larger = Sweep(algos=("ppo", "ddpg"), seeds=(0, 1, 2), set=("episodes=10",))
+    runs = open_sweep(larger, tmp_path)
+    assert len(runs) == 6 and {config.episodes for config in runs.values()} == {10}
+    for other, difference in (
+        (small, r"algos were \('ppo', 'ddpg'\), now \('ddpg',\)"),
+        (Sweep(algos=("ppo", "ddpg"), seeds=(0, 1, 2)), r"set were \('episodes=10',\), now \(\)"),
+    ):
+        with pytest.raises(ConfigError, match=difference):
+            open_sweep(other, tmp_path)
+    assert sweep_of(read_manifest(tmp_path / "manifest.json")) == larger
+
+
+def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp_path):
+    ((run, config),) = open_sweep(Sweep(), tmp_path).items()
+    (run / "checkpoint").mkdir(parents=True)
+    (run / "config.json").write_text(to_json(config))
+    open_sweep(Sweep(), tmp_path)
+    (run / "config.json").write_text(to_json(TrainConfig(episodes=7)))
+    with pytest.raises(ConfigError, match=r"trained with other settings \(episodes\)"):
+        open_sweep(Sweep(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"algos": ["ddpg", "td3"]}, ConfigError, "unknown algorithm 'td3'"),
+        ({"rewards": ["fomo"]}, ConfigError, "fomo"),
+        ({"worlds": ["nowhere"]}, AssetError, "nowhere"),
+        ({"seeds": [0, 0]}, ConfigError, "seeds must name at least one, and each once"),
+        ({"seeds": []}, ConfigError, "seeds must name at least one"),
+        ({"seeds": ["one"]}, ConfigError, "seeds"),
+        ({"preset": "papper"}, ConfigError, "no preset 'papper'"),
+        ({"set": ["bach_size=3"]}, ConfigError, "cannot set 'bach_size=3'"),
+        ({"algos": ["ddpg", "ppo"], "set": ["learner.tau=0.1"]}, ConfigError, "ppo-fomt-big_track-seed0: cannot set"),
+        ({"set": ["seed=3"]}, ConfigError, "axis of the sweep"),
+        ({"set": ["init=nothing.zip"]}, ConfigError, "nothing.zip"),
+    ],
+)
+def test_a_mistake_costs_nothing(settings, error, message, tmp_path):
+    with pytest.raises(error, match=message):
+        open_sweep(sweep_of(settings), tmp_path / "sweep")
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_worlds_of_one_file_name_are_refused_and_files_are_found_from_anywhere(tmp_path, monkeypatch):
+    shipped = Path(__file__).parent.parent / "worlds" / "track_2.yaml"
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        shutil.copy(shipped, tmp_path / name)
+    with pytest.raises(ConfigError, match="would share the folder"):
+        open_sweep(Sweep(worlds=("track_2", str(tmp_path / "a/track_2.yaml"))), tmp_path / "sweep")
+    monkeypatch.chdir(tmp_path)
+    ((run, config),) = open_sweep(Sweep(worlds=("b/track_2.yaml",)), tmp_path / "sweep").items()
+    assert run.name == "ddpg-fomt-track_2-seed0" and config.worlds == (str(tmp_path / "b/track_2.yaml"),)
+
+
+def test_a_yaml_manifest_names_a_sweep(tmp_path):
+    path = tmp_path / "sweep.yaml"
+    path.write_text("algos: [ddpg, sac]\nseeds: [0, 1, 2]\nset: [episodes=50]\n")
+    assert sweep_of(read_manifest(path)) == Sweep(algos=("ddpg", "sac"), seeds=(0, 1, 2), set=("episodes=50",))
+    path.write_text("algorithms: [ddpg]")
+    with pytest.raises(ConfigError, match="keys of algos, rewards, worlds, seeds, preset, set"):
+        read_manifest(path)
+
+
+def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):
+    header = "episode,total_steps,wall_s,env,world,outcome,return,steps,epsilon\n"
+    rows = [
+        f"{k},{100 * k},{0.5 * k},0,w,{'success' if k > 990 else 'collision'},1.0,100,0.1\n" for k in range(1, 1001)
+    ]
+    (tmp_path / "episodes.csv").write_text(header + "".join(rows) + "1001,1001")  # the last is being written
+    (tmp_path / "evaluations.csv").write_text("episode,success\n500,0.75\n1000,0.5\n")
+    now = status(tmp_path)
+    assert (now.state, now.episode, now.success, now.best) == ("waiting", 1000, 0.5, 0.75)
+    assert now.steps_per_s == pytest.approx(200)
