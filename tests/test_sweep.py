@@ -18,6 +18,7 @@ from zebrat_bullet.errors import AssetError, ConfigError
 from zebrat_bullet.training.run import is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
+from zebrat_bullet.training.sweep_local import run_locally
 from zebrat_bullet.training.sweep_run import Outcome, claim, has_checkpoint, perform, status
 
 ZEBRAT = Path(sys.executable).parent / "zebrat"
@@ -94,6 +95,20 @@ def test_a_killed_worker_is_resumed_a_failing_run_fails_alone_and_nothing_finish
     assert sweep.returncode == 130 and said == "" and f"`zebrat sweep --out {folder}` continues" in errors
     assert not psutil.pid_exists(worker) and status(broken).state == "waiting"
     assert summary_times(folder) == before
+
+
+def test_a_run_whose_process_keeps_dying_is_given_up(tmp_path):
+    runs = open_sweep(Sweep(worlds=("track_2",), set=TINY), tmp_path)
+    (run,) = runs
+
+    def kill_the_worker():
+        for child in psutil.Process().children():
+            if str(run) in child.cmdline():
+                child.kill()
+
+    run_locally(runs, workers=1, retries=1, on_tick=kill_the_worker)
+    assert "its process died 2 times, at last with status -9" in (run / "error.txt").read_text()
+    assert status(run).state == "failed"
 
 
 def test_a_run_belongs_to_one_process_at_a_time(tmp_path):
