@@ -48,7 +48,7 @@ def run_on_ray(
     except (OSError, RuntimeError, ValueError) as error:
         raise ConfigError(f"no Ray cluster to use at {address!r}: {error}") from error
     try:
-        with (folder / LOCK).open("a") as held:
+        with (folder / LOCK).open("a+") as held:
             lock(held.fileno(), fcntl.LOCK_SH)
             for run in runs:
                 if read_summary(run) is None:
@@ -89,7 +89,7 @@ def _require_shared(folder: Path) -> None:
     node = socket.gethostname()
     if not (folder / LOCK).is_file():
         raise ConfigError(f"node {node} does not see {folder}; name a folder on storage that every node mounts there")
-    with (folder / LOCK).open("a") as file:
+    with (folder / LOCK).open("a+") as file:
         if lock(file.fileno(), fcntl.LOCK_EX):
             raise ConfigError(
                 f"on node {node} the lock on {folder}, held by the sweep, is not seen, so two nodes could write to one "

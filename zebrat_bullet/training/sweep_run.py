@@ -125,6 +125,8 @@ def claim(folder: Path) -> Iterator[bool]:
 def lock(file: int, kind: int) -> bool:
     """Take a lock on an open file if that is possible at once; return whether it was.
 
+    The file must be open for reading and writing: over NFS, a shared lock takes the one, an exclusive lock the other.
+
     Raises:
         ZebratError: the storage has no locks.
     """
@@ -164,7 +166,7 @@ def _state(folder: Path) -> Literal["running", "waiting", "done", "failed"]:
 def is_claimed(folder: Path) -> bool:
     """Return whether a process holds the run in a folder."""
     try:
-        with (folder / LOCK).open("a") as file:
+        with (folder / LOCK).open("a+") as file:
             return not lock(file.fileno(), fcntl.LOCK_SH)
     except FileNotFoundError:
         return False
