@@ -41,7 +41,8 @@ def train(arguments: argparse.Namespace) -> Result:
             config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
             if arguments.algo:
                 config = replace(config, learner=ALGORITHMS[arguments.algo])
-            config = replace(config, task=with_reward(config.task, arguments.reward))
+            task = replace(config.task, robot=arguments.robot)
+            config = replace(config, task=with_reward(task, arguments.reward))
             if arguments.worlds:
                 config = replace(config, worlds=tuple(arguments.worlds))
             run.train(with_overrides(config, arguments.set), folder, on_progress)

@@ -32,6 +32,8 @@ LEARNERS: dict[str, type[BaseAlgorithm]] = {
     "ppo": PPO,
     "ppo-discrete": PPO,
 }
+ROLLOUT_STEPS = 16
+"""Steps between two visits of the callback that evaluates and saves; SB3 does some work of its own at each, too."""
 DISCRETE = frozenset({"dqn", "ppo-discrete"})
 """Algorithms that choose among the six discrete actions."""
 
@@ -58,8 +60,8 @@ def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -
         "buffer_size": settings.buffer_size,
         "learning_starts": settings.warmup_steps,
         "tau": settings.tau,
-        "train_freq": 1,
-        "gradient_steps": 0,  # they are done while the environments step: see OverlappedVecEnv
+        "train_freq": ROLLOUT_STEPS,
+        "gradient_steps": 0,  # they are done while the environments step: see vec_env.py
     }
     model = _build_off_policy(settings, common, network, observation)
     if isinstance(model, RunBudget):

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +21,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.training.callbacks import Progress, RunCallback
-from zebrat_bullet.training.checkpoint import load_checkpoint
+from zebrat_bullet.training.checkpoint import has_checkpoint, load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.settings import TrainConfig
@@ -67,8 +68,13 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
         raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
     if is_finished(folder):
         return
-    if (folder / RESTART / "config.json").is_file():
-        resume(folder / RESTART, on_progress)
+    again = folder / RESTART
+    if has_checkpoint(again) or is_finished(again):
+        resume(again, on_progress)
+    elif (again / "config.json").is_file():
+        config = from_json(TrainConfig, (again / "config.json").read_text())
+        shutil.rmtree(again)
+        train(config, again, on_progress)
     else:
         _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
     _finish(folder)

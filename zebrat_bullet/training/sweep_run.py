@@ -56,11 +56,6 @@ def cores_of(config: TrainConfig) -> int:
     return config.threads + (config.n_envs if config.overlap else 0)
 
 
-def has_checkpoint(folder: Path) -> bool:
-    """Return whether a run can be resumed."""
-    return (folder / "checkpoint").is_dir() or (folder / "checkpoint.old").is_dir()
-
-
 def read_summary(folder: Path) -> dict[str, Any] | None:
     """Return what a run has reached, None if it is not finished."""
     try:
@@ -76,7 +71,8 @@ def perform(config: TrainConfig, folder: Path) -> Outcome:
         DONE if it is finished, now or before; FAILED if it raised (its traceback is in error.txt); BUSY if another
         process holds it, which then alone writes to the folder.
     """
-    from zebrat_bullet.training.run import resume, train  # torch: seconds that who only watches a sweep need not wait
+    from zebrat_bullet.training.checkpoint import has_checkpoint
+from zebrat_bullet.training.run import resume, train  # torch: seconds that who only watches a sweep need not wait
 
     with claim(folder) as mine:
         if not mine:
