@@ -15,11 +15,12 @@ import pytest
 
 from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.run import is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
 from zebrat_bullet.training.sweep_local import run_locally
-from zebrat_bullet.training.sweep_run import Outcome, claim, has_checkpoint, perform, status
+from zebrat_bullet.training.sweep_run import Outcome, claim, perform, status
 
 ZEBRAT = Path(sys.executable).parent / "zebrat"
 

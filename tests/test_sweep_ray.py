@@ -11,11 +11,12 @@ import pytest
 from test_sweep import TINY, episodes, holder
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.run import is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep
 from zebrat_bullet.training.sweep_ray import _require_shared, run_on_ray
-from zebrat_bullet.training.sweep_run import has_checkpoint, lock
+from zebrat_bullet.training.sweep_run import lock
 
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 1024**2, "include_dashboard": False}
 NOTICE_A_LOSS_SOON = {"health_check_initial_delay_ms": 0, "health_check_period_ms": 500}

@@ -37,11 +37,6 @@ def save_checkpoint(folder: Path, model: BaseAlgorithm, state: dict[str, Any]) -
     shutil.rmtree(old, ignore_errors=True)
 
 
-def has_checkpoint(run: Path) -> bool:
-    """Return whether a run can be resumed, given its folder."""
-    return (run / "checkpoint").is_dir() or (run / "checkpoint.old").is_dir()
-
-
 def load_checkpoint(folder: Path, algo: str, env: Any) -> tuple[BaseAlgorithm, dict[str, Any]]:
     """Return the learner and the state of the last complete checkpoint, and restore the random states.
 

@@ -10,6 +10,11 @@ EPISODE_COLUMNS = (
 EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "best")
 
 
+def has_checkpoint(run: Path) -> bool:
+    """Return whether a run can be resumed, given its folder."""
+    return (run / "checkpoint").is_dir() or (run / "checkpoint.old").is_dir()
+
+
 class CsvLog:
     """A CSV file that grows by a row at a time and survives a kill.
 

@@ -21,9 +21,9 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.training.callbacks import Progress, RunCallback
-from zebrat_bullet.training.checkpoint import has_checkpoint, load_checkpoint
+from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, has_checkpoint
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import World, load_world

@@ -11,9 +11,10 @@ import yaml
 from zebrat_bullet.config import from_json, to_json, with_overrides, with_reward
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep_run import has_checkpoint, read_summary
+from zebrat_bullet.training.sweep_run import read_summary
 from zebrat_bullet.world import load_world
 
 AXES = ("algos", "rewards", "worlds", "seeds")

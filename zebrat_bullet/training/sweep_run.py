@@ -17,6 +17,7 @@ from typing import Any, Literal
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.settings import TrainConfig
 
 LOCK, ERROR, OUTPUT = "lock", "error.txt", "output.txt"
@@ -71,8 +72,7 @@ def perform(config: TrainConfig, folder: Path) -> Outcome:
         DONE if it is finished, now or before; FAILED if it raised (its traceback is in error.txt); BUSY if another
         process holds it, which then alone writes to the folder.
     """
-    from zebrat_bullet.training.checkpoint import has_checkpoint
-from zebrat_bullet.training.run import resume, train  # torch: seconds that who only watches a sweep need not wait
+    from zebrat_bullet.training.run import resume, train  # torch: seconds that who only watches a sweep need not wait
 
     with claim(folder) as mine:
         if not mine:
