@@ -8,10 +8,11 @@ import torch
 from stable_baselines3 import TD3
 
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
-from zebrat_bullet.training.learners import build_learner
+from zebrat_bullet.training.learners import build_learner, to_agent
 from zebrat_bullet.training.presets import TRAIN_PRESETS
 
 PAPER, GENERAL = TRAIN_PRESETS["paper"], TRAIN_PRESETS["general"]
+STANDARDISED = replace(GENERAL, learner=replace(GENERAL.learner, standardise=True))
 
 
 def learner(config, precision):
@@ -40,10 +41,14 @@ def weights(model):
     return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
 
 
-@pytest.mark.parametrize("config", [PAPER, GENERAL], ids=["one critic", "two critics, delayed actor"])
+@pytest.mark.parametrize(
+    "config", [PAPER, GENERAL, STANDARDISED], ids=["one critic", "two critics, delayed actor", "standardised"]
+)
 def test_in_float32_it_ends_in_the_weights_of_stable_baselines(config):
     ours, theirs = learner(config, "fp32"), learner(config, "fp32")
     assert torch.equal(weights(ours), weights(theirs))
+    for model in (ours, theirs):
+        model.train(0)  # standardises, if it is to
     before = weights(ours)
     np.random.seed(1)
     ours.train(20, batch_size=32)
@@ -77,3 +82,17 @@ def test_a_saved_learner_goes_on_from_its_own_weights(tmp_path):
         np.random.seed(2)
         model.train(5, batch_size=32)
     assert torch.equal(weights(ours), weights(loaded))
+
+
+def test_standardised_networks_see_mean_0_and_deviation_1_and_the_exported_policy_needs_no_such_step():
+    model = learner(STANDARDISED, "fp32")
+    seen = model.replay_buffer.observations[:300, 0]
+    seen[:, 3] = 0.001 * seen[:, 3] - 0.7  # nearly constant: not blown up beyond 1 / 0.02
+    model.train(5, batch_size=32)
+    features = model.critic_target.features_extractor(torch.from_numpy(seen)).numpy()
+    others = np.arange(34) != 3
+    assert np.abs(features.mean(axis=0)).max() < 1e-4 and np.allclose(features.std(axis=0)[others], 1.0, atol=1e-3)
+    assert features.std(axis=0)[3] < 0.05
+    agent = to_agent(model, "x", model.replay_buffer.observation, {})
+    for observation in seen[:20]:
+        assert agent.action(observation) == pytest.approx(model.predict(observation)[0], abs=1e-4)

@@ -33,9 +33,11 @@ class PaperDDPG(RunBudget, DDPG):
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Do the gradient steps of `TD3.train`, faster."""
-        if self._update is None:
-            self._update = DDPGUpdate(self, self.settings.precision)
         assert self.replay_buffer is not None
+        if self._update is None:
+            if self.settings.standardise and self._n_updates == 0:
+                self._standardise(self.replay_buffer.observations[: self.replay_buffer.pos])
+            self._update = DDPGUpdate(self, self.settings.precision)
         self._update_learning_rate([])
         loss = torch.zeros(())
         for _ in range(gradient_steps):
@@ -46,6 +48,11 @@ class PaperDDPG(RunBudget, DDPG):
                 self._update.actor_step(batch.observations)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/critic_loss", loss.item())
+
+    def _standardise(self, observations: NDArray[np.float32]) -> None:
+        for network in (self.actor, self.actor_target, self.critic, self.critic_target):
+            features: Any = network.features_extractor
+            features.fit(observations.reshape(-1, observations.shape[-1]))
 
     def _update_learning_rate(self, optimizers: Any) -> None:
         """Give actor and critic each its own rate, where SB3 gives both the same."""

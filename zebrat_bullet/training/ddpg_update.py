@@ -86,21 +86,23 @@ class DDPGUpdate:
         self._actor, self._actor_target = _Mlp(model.actor.mu, dtype), _Mlp(model.actor_target.mu, dtype)
         self._critics = [_Mlp(critic, dtype) for critic in model.critic.q_networks]
         self._critic_targets = [_Mlp(critic, dtype) for critic in model.critic_target.q_networks]
+        self._features = model.actor.features_extractor  # fixed, and the same for all networks
 
     @torch.no_grad()
     def critic_step(self, batch: ReplayBufferSamples) -> Tensor:
         """Fit the critics to r + gamma Q'(s', mu'(s')), for Q' the smallest of the target critics; return the loss."""
         model = self._model
-        target = torch.tanh(self._actor_target.forward(batch.next_observations))
+        features_after = self._features(batch.next_observations)
+        target = torch.tanh(self._actor_target.forward(features_after))
         if model.target_noise_clip > 0.0:
             noise = torch.empty_like(target).normal_(0.0, model.target_policy_noise)
             target = (target + noise.clamp_(-model.target_noise_clip, model.target_noise_clip)).clamp_(-1.0, 1.0)
-        after = torch.cat([batch.next_observations, target], 1)
+        after = torch.cat([features_after, target], 1)
         q_after = self._critic_targets[0].forward(after)
         for critic in self._critic_targets[1:]:
             q_after = torch.minimum(q_after, critic.forward(after))
         goal = batch.rewards + (1.0 - batch.dones) * model.gamma * q_after
-        now = torch.cat([batch.observations, batch.actions], 1)
+        now = torch.cat([self._features(batch.observations), batch.actions], 1)
         loss = torch.zeros(())
         for critic in self._critics:
             error = critic.forward(now) - goal
@@ -115,8 +117,9 @@ class DDPGUpdate:
     def actor_step(self, observations: Tensor) -> None:
         """Move the actor up the first critic's slope, and the targets after their networks."""
         model = self._model
-        action = torch.tanh(self._actor.forward(observations))
-        self._critics[0].forward(torch.cat([observations, action], 1))
+        features = self._features(observations)
+        action = torch.tanh(self._actor.forward(features))
+        self._critics[0].forward(torch.cat([features, action], 1))
         upwards = torch.full((len(action), 1), -1.0 / len(action))
         slope = self._critics[0].backward(upwards, weights=False)[:, -action.shape[1] :]
         self._actor.backward(slope * (1.0 - action.square()))

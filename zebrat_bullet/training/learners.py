@@ -14,6 +14,7 @@ from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.replay import MirrorReplayBuffer
 from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig, TrainConfig
+from zebrat_bullet.training.standardise import Standardise
 
 
 class PaperDQN(RunBudget, DQN):
@@ -91,6 +92,8 @@ def _build_off_policy(
     if isinstance(settings, SACConfig):
         return SAC("MlpPolicy", **common, policy_kwargs=network, learning_rate=settings.lr)
     network |= {"n_critics": settings.n_critics}
+    if settings.standardise:
+        network |= {"features_extractor_class": Standardise}
     model = PaperDDPG("MlpPolicy", **common, policy_kwargs=network, settings=settings)
     # SB3's DDPG is its TD3 with these switched off; a clip of 0 is no noise, but the sigma itself must be above 0.
     model.policy_delay = settings.policy_delay
@@ -111,6 +114,8 @@ def to_agent(
     networks, head = _policy_networks(model)
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
+    if isinstance(model, PaperDDPG) and isinstance(model.actor.features_extractor, Standardise):
+        layers[0] = model.actor.features_extractor.fold(*layers[0])
     return PolicyAgent(name, layers, observation, provenance, head)
 
 
