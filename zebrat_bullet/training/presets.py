@@ -94,14 +94,20 @@ TRAIN_PRESETS = {
         checkpoint_every=50,
     ),
     "fast": TrainConfig(
-        learner=replace(_OURS, lr_final=0.02, warmup_steps=1000),
+        learner=replace(
+            _OURS, actor_lr=2e-4, critic_lr=6e-4, lr_final=0.02, gamma=0.98, warmup_steps=1000, standardise=True
+        ),
+        worlds=("big_track", "big_track", "track_3") * 10,
+        n_generated=100,
+        tightness=0.9,
         episodes=5000,
-        steps=80_000,
-        max_minutes=5.0,
+        steps=55_000,
+        max_minutes=4.75,
         overlap=True,
         eval_every=100,
-        eval_episodes=3,
-        checkpoint_every=100,
+        eval_episodes=6,
+        eval_worlds=("big_track",),
+        checkpoint_every=200,
         task=TaskConfig(
             physics=PhysicsConfig(rate_hz=80.0),
             lidar=LidarConfig(caster="embree", n_channels=4),
