@@ -14,7 +14,7 @@ import torch
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_overrides
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, overrides_of, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
 from zebrat_bullet.evaluation.records import load_record
@@ -236,6 +236,19 @@ def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
         with_overrides(TINY, ["learner.bach_size=1"])
     with pytest.raises(ConfigError, match="tau must be in"):
         with_overrides(TINY, ["learner.tau=3"])
+
+
+def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("episodes: 7\nlearner: {hidden: [8, 8], mirror: true}\ntask: {reward: {weights: {M: 0}}}\n")
+    config = with_overrides(TINY, overrides_of(path))
+    assert config.episodes == 7 and config.learner == replace(TINY.learner, hidden=(8, 8), mirror=True)
+    assert config.task.reward.weights == {"F": 1.0, "O": 1.0, "M": 0.0, "T": 1.0}
+    path.write_text("- episodes")
+    with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
+        overrides_of(path)
+    with pytest.raises(ConfigError, match="cannot read settings"):
+        overrides_of(tmp_path / "none.yaml")
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path):

@@ -2,9 +2,10 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
@@ -289,3 +290,26 @@ def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
             raise ConfigError(f"cannot set {assignment!r}: write key=value with a key of {known}")
         at[last] = yaml.safe_load(text)
     return from_json(type(config), json.dumps(values))
+
+
+def overrides_of(path: Path) -> list[str]:
+    """Return a YAML file of nested settings as "key=value" texts for `with_overrides`.
+
+    Raises:
+        ConfigError: the file cannot be read, or is not a mapping.
+    """
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigError(f"cannot read settings from {path}: {error}") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold settings as `key: value`, got {type(values).__name__}")
+    return [f"{key}={json.dumps(value)}" for key, value in _dotted(values)]
+
+
+def _dotted(values: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from ((f"{key}.{rest}", inner) for rest, inner in _dotted(value))
+        else:
+            yield str(key), value

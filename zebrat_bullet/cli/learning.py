@@ -18,7 +18,7 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config import with_overrides, with_reward
+from zebrat_bullet.config import overrides_of, with_overrides, with_reward
 
 
 def train(arguments: argparse.Namespace) -> Result:
@@ -45,7 +45,8 @@ def train(arguments: argparse.Namespace) -> Result:
             config = replace(config, task=with_reward(task, arguments.reward))
             if arguments.worlds:
                 config = replace(config, worlds=tuple(arguments.worlds))
-            run.train(with_overrides(config, arguments.set), folder, on_progress)
+            from_file = overrides_of(arguments.config) if arguments.config else []
+            run.train(with_overrides(config, [*from_file, *arguments.set]), folder, on_progress)
     draw_learning_curve(folder, folder / "learning_curve.png")
     summary = run.summarise(folder)
     best = summary["best"]
@@ -140,6 +141,7 @@ def add(command: AddCommand) -> None:
         help="with the paper's networks and parameters, instead of the preset's learner",
     )
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="training worlds instead of the preset's")
+    made.add_argument("--config", type=Path, metavar="YAML", help="a file of settings that override the preset's")
     made.add_argument(
         "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. learner.batch_size=128"
     )
