@@ -1,5 +1,6 @@
 """The gymnasium environment: contracts, independence, determinism, and what it refuses."""
 
+import math
 import subprocess
 import sys
 import warnings
@@ -13,7 +14,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import REWARD_PRESETS
+from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, TaskConfig
 from zebrat_bullet.envs.registration import env_id
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ActionError, ConfigError
@@ -181,3 +182,15 @@ def test_rgb_array_draws_the_car():
 def test_bad_arguments_are_refused(kwargs):
     with pytest.raises(ConfigError):
         ZebratEnv(**kwargs)
+
+
+def test_half_of_the_episodes_begin_at_the_start_and_half_anywhere():
+    task = TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(start="both"))
+    env = ZebratEnv("big_track", task=task)
+    start = env.drive.world.start.pose
+    away = []
+    for _ in range(40):
+        pose = env.reset(seed=5 if not away else None)[1]["pose"]
+        away.append(math.hypot(pose.x - start.x, pose.y - start.y))
+    env.close()
+    assert 12 <= sum(distance < 0.2 for distance in away) <= 28 and max(away) > 5.0

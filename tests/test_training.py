@@ -21,7 +21,7 @@ from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import is_finished, resume, summarise, train
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
@@ -278,6 +278,14 @@ def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_
     lengths = [len(list(steps)) for action, steps in groupby(held) if action is not None]
     assert np.mean(explores) == pytest.approx(0.3, abs=0.04)
     assert max(lengths) == 8 and np.mean(lengths) == pytest.approx(4.5, abs=0.5)
+
+
+def test_an_evaluation_that_may_not_fail_ends_with_its_first_failure(tmp_path):
+    run = tmp_path / "run"
+    train(replace(TINY, episodes=4, eval_episodes=50, eval_failures=1), run)
+    (row,) = CsvLog(run / "evaluations.csv", EVALUATION_COLUMNS).rows()
+    assert float(row["success"]) == 0.0 and float(row["collision"]) + float(row["fail"]) == 1.0
+    assert float(row["wall_s"]) < 20.0  # 50 episodes would take longer than the run
 
 
 def test_learning_rates_fall_to_their_final_share(learner):

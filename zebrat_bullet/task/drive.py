@@ -109,7 +109,8 @@ class Drive:
         self.sim.close()
 
     def _draw_pose(self, rng: np.random.Generator) -> Pose2:
-        if self.config.episode.start == "anywhere":
+        start = self.config.episode.start
+        if start == "anywhere" or (start == "both" and rng.random() < 0.5):
             return anywhere_pose(self.world, self.robot, rng)
         return start_pose(self.world, rng)
 

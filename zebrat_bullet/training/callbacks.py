@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
+from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
 from zebrat_bullet.errors import SimulationError
 from zebrat_bullet.evaluation.metrics import Score, score
@@ -182,11 +183,7 @@ class RunCallback(BaseCallback):
         self._refuse_non_finite()
         self._evaluated_at = self._episode
         agent = self._agent("best")
-        records = [
-            run_episode(self._judge, agent, self._config.seed + 1_000_000, episode, world)
-            for world in self._eval_worlds
-            for episode in range(self._config.eval_episodes)
-        ]
+        records = self._drive(agent)
         result = score(records)
         better = self._best is None or rank(result) > self._best
         if better:
@@ -199,6 +196,18 @@ class RunCallback(BaseCallback):
         self.logger.record("evaluation/success", result.success)
         self.logger.record("evaluation/collision", result.collision)
         self._watch(records)
+
+    def _drive(self, agent: Agent) -> list[EpisodeRecord]:
+        """Drive the evaluation's episodes; after `eval_failures` that fail, the rest count as the last of them."""
+        jobs = [(world, episode) for world in self._eval_worlds for episode in range(self._config.eval_episodes)]
+        records: list[EpisodeRecord] = []
+        failures = 0
+        for world, episode in jobs:
+            records.append(run_episode(self._judge, agent, self._config.seed + 1_000_000, episode, world))
+            failures += records[-1].outcome != "success"
+            if failures == self._config.eval_failures:
+                return records + [records[-1]] * (len(jobs) - len(records))
+        return records
 
     def _watch(self, records: list[EpisodeRecord]) -> None:
         """Name a collapse in the log, with the episode that shows it."""

@@ -161,6 +161,8 @@ class TrainConfig:
             the last bit; it pays where a second core is idle.
         threads: torch threads.
         eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world.
+        eval_failures: after so many failed episodes the rest of an evaluation counts as failed, undriven; None for never.
+            With 1, a run can afford to look often for a policy that never fails.
         eval_worlds: where; empty for the training worlds' first.
         n_generated_eval: so many generated tracks, never trained on, join them.
         checkpoint_every: episodes between checkpoints, the most a killed run loses.
@@ -182,6 +184,7 @@ class TrainConfig:
     threads: int = 1
     eval_every: int = 50
     eval_episodes: int = 4
+    eval_failures: int | None = None
     eval_worlds: tuple[str, ...] = ()
     n_generated_eval: int = 0
     checkpoint_every: int = 50
@@ -191,6 +194,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         _shares(self, "tightness")
+        if self.eval_failures is not None:
+            _at_least_one(self, "eval_failures")
         if not self.worlds and not self.n_generated:
             raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
         if self.steps is not None and self.steps < 1:
