@@ -97,21 +97,22 @@ TRAIN_PRESETS = {
         learner=replace(
             _OURS, actor_lr=2e-4, critic_lr=6e-4, lr_final=0.02, gamma=0.98, warmup_steps=1000, standardise=True
         ),
-        worlds=("big_track", "big_track", "track_3") * 10,
-        n_generated=100,
+        worlds=("big_track", "track_3") * 25,
+        n_generated=50,
         tightness=0.9,
         episodes=5000,
         steps=36_000,
         max_minutes=4.75,
         overlap=True,
-        eval_every=100,
-        eval_episodes=6,
+        eval_every=25,
+        eval_episodes=10,
+        eval_failures=1,
         eval_worlds=("big_track",),
-        checkpoint_every=200,
+        checkpoint_every=100,
         task=TaskConfig(
             physics=PhysicsConfig(rate_hz=80.0),
             lidar=LidarConfig(caster="embree", n_channels=4),
-            episode=EpisodeConfig(start="anywhere"),
+            episode=EpisodeConfig(start="both"),
         ),
     ),
 }

@@ -161,7 +161,7 @@ class TrainConfig:
             the last bit; it pays where a second core is idle.
         threads: torch threads.
         eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world.
-        eval_failures: after so many failed episodes the rest of an evaluation counts as failed, undriven; None for never.
+        eval_failures: after so many failed episodes the rest of an evaluation counts as failed, undriven; None: never.
             With 1, a run can afford to look often for a policy that never fails.
         eval_worlds: where; empty for the training worlds' first.
         n_generated_eval: so many generated tracks, never trained on, join them.
