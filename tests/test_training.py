@@ -288,6 +288,14 @@ def test_an_evaluation_that_may_not_fail_ends_with_its_first_failure(tmp_path):
     assert float(row["wall_s"]) < 20.0  # 50 episodes would take longer than the run
 
 
+def test_a_run_ends_with_the_first_evaluation_that_is_good_enough_in_a_task_of_its_own(tmp_path):
+    at_the_exit = replace(TINY.task, episode=EpisodeConfig(open_width_m=0.1))  # open space all around: success at once
+    train(replace(TINY, eval_task=at_the_exit, stop_at=0.0), tmp_path / "run")
+    rows = CsvLog(tmp_path / "run" / "evaluations.csv", EVALUATION_COLUMNS).rows()
+    assert [row["episode"] for row in rows] == ["4"] and is_finished(tmp_path / "run")
+    assert float(rows[0]["fail"]) == 1.0  # as false exits
+
+
 def test_learning_rates_fall_to_their_final_share(learner):
     _, env = learner
     config = replace(TINY, learner=replace(TINY.learner, lr_final=0.1))

@@ -92,6 +92,7 @@ class RunCallback(BaseCallback):
         self._watchdog = Watchdog(config.watchdog, state.get("watchdog"))
         self._probes: list[list[float]] = state.get("probes", [])
         self.collapse: Finding | None = None
+        self._good_enough = False
         self._due: set[str] = set()
         self._evaluated_at = -1
 
@@ -105,7 +106,7 @@ class RunCallback(BaseCallback):
         for i, info in enumerate(self.locals["infos"]):
             if "outcome" in info:
                 self._finish_episode(i, info)
-        return self._share_done() < 1.0 and self.collapse is None
+        return self._share_done() < 1.0 and self.collapse is None and not self._good_enough
 
     def _on_rollout_start(self) -> None:
         """Evaluate and save here, where nothing is under way: the learner has stored what the last actions did."""
@@ -185,6 +186,7 @@ class RunCallback(BaseCallback):
         agent = self._agent("best")
         records = self._drive(agent)
         result = score(records)
+        self._good_enough = self._config.stop_at is not None and result.success >= self._config.stop_at
         better = self._best is None or rank(result) > self._best
         if better:
             self._best = rank(result)

@@ -105,9 +105,11 @@ TRAIN_PRESETS = {
         max_minutes=4.75,
         overlap=True,
         eval_every=25,
-        eval_episodes=10,
+        eval_episodes=30,
         eval_failures=1,
         eval_worlds=("big_track",),
+        eval_task=TaskConfig(lidar=LidarConfig(caster="embree")),
+        stop_at=1.0,
         checkpoint_every=100,
         task=TaskConfig(
             physics=PhysicsConfig(rate_hz=80.0),

@@ -102,7 +102,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     vec_env = make_vec_env(
         config.n_envs, config.overlap, world=train_worlds, task=config.task, discrete=algo in DISCRETE
     )
-    judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
+    judge = ZebratEnv(eval_worlds, task=_from_the_start(config.eval_task or config.task))
     observation = judge.spec_observation
     try:
         if resume:

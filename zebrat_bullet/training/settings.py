@@ -165,6 +165,8 @@ class TrainConfig:
             With 1, a run can afford to look often for a policy that never fails.
         eval_worlds: where; empty for the training worlds' first.
         n_generated_eval: so many generated tracks, never trained on, join them.
+        eval_task: the task of the evaluations, where it is another than that of the training; from the start always.
+        stop_at: the run ends with the first evaluation of this success rate; None for never.
         checkpoint_every: episodes between checkpoints, the most a killed run loses.
         watchdog: when a run that does not learn is named.
         task: the task driven.
@@ -187,6 +189,8 @@ class TrainConfig:
     eval_failures: int | None = None
     eval_worlds: tuple[str, ...] = ()
     n_generated_eval: int = 0
+    eval_task: TaskConfig | None = None
+    stop_at: float | None = None
     checkpoint_every: int = 50
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
@@ -194,6 +198,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         _shares(self, "tightness")
+        if self.stop_at is not None:
+            _shares(self, "stop_at")
         if self.eval_failures is not None:
             _at_least_one(self, "eval_failures")
         if not self.worlds and not self.n_generated:
