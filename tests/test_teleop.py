@@ -78,7 +78,7 @@ class Teleop:
     def end(self) -> dict:
         """Press Ctrl-C and return the JSON that it prints."""
         self.process.send_signal(signal.SIGINT)
-        output, self.errors = self.process.communicate(timeout=20)
+        output, self.errors = self.process.communicate(timeout=90)
         assert self.process.returncode == 0, self.errors
         return json.loads(output)
 
@@ -171,7 +171,7 @@ def test_a_person_drives_by_keys_and_the_record_holds_what_they_pressed(browser,
     eventually(lambda: page.number("steering") > 20)
     browser.save_screenshot(str(tmp_path / "driving.png"))
     eventually(lambda: page.status().startswith("Collision: episode 1 saved"))
-    output, _ = running.process.communicate(timeout=20)
+    output, _ = running.process.communicate(timeout=90)
     assert json.loads(output) == {"folder": str(running.folder), "outcomes": ["collision"]}
 
     (path,) = running.records()

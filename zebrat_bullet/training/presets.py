@@ -97,8 +97,8 @@ TRAIN_PRESETS = {
         learner=replace(
             _OURS, actor_lr=2e-4, critic_lr=6e-4, lr_final=0.02, gamma=0.98, warmup_steps=1000, standardise=True
         ),
-        worlds=("big_track", "track_3") * 25,
-        n_generated=50,
+        worlds=("big_track", "big_track", "track_3") * 10,
+        n_generated=100,
         tightness=0.9,
         episodes=5000,
         steps=36_000,
@@ -114,7 +114,7 @@ TRAIN_PRESETS = {
         task=TaskConfig(
             physics=PhysicsConfig(rate_hz=80.0),
             lidar=LidarConfig(caster="embree", n_channels=4),
-            episode=EpisodeConfig(start="both"),
+            episode=EpisodeConfig(start="anywhere"),
         ),
     ),
 }
