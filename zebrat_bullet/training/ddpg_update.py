@@ -9,6 +9,7 @@ import torch
 from stable_baselines3 import TD3
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from torch import Tensor, nn
+from torch.optim.adam import adam
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
 
@@ -58,18 +59,61 @@ class _Mlp:
                 self._inputs.append(x)
         return x
 
-    def backward(self, gradient: Tensor, *, weights: bool = True) -> Tensor:
-        """Set the gradients of the weights (or leave them) and return that of the input, given that of the output."""
+    def backward(self, gradient: Tensor) -> None:
+        """Set the gradients of the weights, given that of the output."""
         for i in reversed(range(len(self.weights))):
-            low = gradient.to(self._dtype) if i in self._low else gradient
-            if weights:
-                of_weight, of_bias = self._gradients[i]
-                of_weight.copy_(torch.mm(low.t(), self._low_inputs.get(i, self._inputs[i])))
-                torch.sum(gradient, 0, out=of_bias)
-            gradient = torch.mm(low, self._low.get(i, self.weights[i])).float()
+            of_weight, of_bias = self._gradients[i]
+            torch.sum(gradient, 0, out=of_bias)
+            if i in self._low:
+                of_weight.copy_(torch.mm(gradient.to(self._dtype).t(), self._low_inputs[i]))
+            else:
+                torch.mm(gradient.t(), self._inputs[i], out=of_weight)
             if i > 0:
-                gradient.mul_(self._inputs[i] > 0)
-        return gradient
+                gradient = self._before(i, gradient)
+
+    def slope(self, gradient: Tensor, n_last: int) -> Tensor:
+        """Return the gradient of the last few columns of the input, given that of the output."""
+        for i in reversed(range(1, len(self.weights))):
+            gradient = self._before(i, gradient)
+        return torch.mm(gradient, self.weights[0][:, -n_last:])
+
+    def _before(self, i: int, gradient: Tensor) -> Tensor:
+        """Return the gradient of what goes into the ReLU before layer i, given that of what comes out of the layer."""
+        low = gradient.to(self._dtype) if i in self._low else gradient
+        back = torch.mm(low, self._low.get(i, self.weights[i])).float()
+        return torch.ops.aten.threshold_backward(back, self._inputs[i], 0.0)
+
+
+class _Adam:
+    """The steps of a fused Adam of torch, without what `step` does around them (as long as the step itself).
+
+    Args:
+        optimizer: whose state this moves on.
+    """
+
+    def __init__(self, optimizer: torch.optim.Optimizer) -> None:
+        self._optimizer = optimizer
+
+    def step(self) -> None:
+        """Step, at the rate that the optimizer has now."""
+        optimizer = self._optimizer
+        if not optimizer.state:
+            optimizer.step()  # makes the state
+            return
+        (group,) = optimizer.param_groups
+        parameters = group["params"]
+        states = [optimizer.state[parameter] for parameter in parameters]
+        adam(
+            parameters,
+            [parameter.grad for parameter in parameters],
+            exp_avgs=[state["exp_avg"] for state in states],
+            exp_avg_sqs=[state["exp_avg_sq"] for state in states],
+            max_exp_avg_sqs=[],
+            state_steps=[state["step"] for state in states],
+            beta1=group["betas"][0],
+            beta2=group["betas"][1],
+            **{key: group[key] for key in ("lr", "weight_decay", "eps", "amsgrad", "maximize", "fused")},
+        )
 
 
 class DDPGUpdate:
@@ -86,6 +130,7 @@ class DDPGUpdate:
         self._actor, self._actor_target = _Mlp(model.actor.mu, dtype), _Mlp(model.actor_target.mu, dtype)
         self._critics = [_Mlp(critic, dtype) for critic in model.critic.q_networks]
         self._critic_targets = [_Mlp(critic, dtype) for critic in model.critic_target.q_networks]
+        self._actor_adam, self._critic_adam = _Adam(model.actor.optimizer), _Adam(model.critic.optimizer)
         self._features = model.actor.features_extractor  # fixed, and the same for all networks
 
     @torch.no_grad()
@@ -108,7 +153,7 @@ class DDPGUpdate:
             error = critic.forward(now) - goal
             loss += error.square().mean()
             critic.backward(error * (2.0 / len(error)))
-        model.critic.optimizer.step()
+        self._critic_adam.step()
         for critic in self._critics:
             critic.changed()
         return loss
@@ -121,9 +166,9 @@ class DDPGUpdate:
         action = torch.tanh(self._actor.forward(features))
         self._critics[0].forward(torch.cat([features, action], 1))
         upwards = torch.full((len(action), 1), -1.0 / len(action))
-        slope = self._critics[0].backward(upwards, weights=False)[:, -action.shape[1] :]
+        slope = self._critics[0].slope(upwards, action.shape[1])
         self._actor.backward(slope * (1.0 - action.square()))
-        model.actor.optimizer.step()
+        self._actor_adam.step()
         self._actor.changed()
         followers, leaders = [self._actor_target, *self._critic_targets], [self._actor, *self._critics]
         torch._foreach_lerp_(

@@ -100,7 +100,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     algo = config.learner.algo
     eval_worlds, train_worlds = _worlds(config)
     vec_env = make_vec_env(
-        config.n_envs, config.overlap, world=train_worlds, task=config.task, discrete=algo in DISCRETE
+        config.n_envs, config.overlap, config.retries, world=train_worlds, task=config.task, discrete=algo in DISCRETE
     )
     judge = ZebratEnv(eval_worlds, task=_from_the_start(config.eval_task or config.task))
     observation = judge.spec_observation

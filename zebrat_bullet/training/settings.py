@@ -157,6 +157,8 @@ class TrainConfig:
             best model); empty to begin anew. Zips unpickle: name only files of your own.
         seed: of networks, exploration, generated tracks and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
+        retries: an episode that ended in a collision or a stall is tried so many times again, from a pose that the car
+            had 1 to 5 s before; each try counts as an episode.
         overlap: step the environments in processes of their own while the learner updates. The result is the same to
             the last bit; it pays where a second core is idle.
         threads: torch threads.
@@ -182,6 +184,7 @@ class TrainConfig:
     init: str = ""
     seed: int = 0
     n_envs: int = 1
+    retries: int = 0
     overlap: bool = False
     threads: int = 1
     eval_every: int = 50
