@@ -163,10 +163,10 @@ def kill_after_episode(folder, config, episode: int) -> None:
     process.wait()
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
-def test_a_killed_run_resumes_and_ends_in_the_same_weights_as_one_never_killed(algo, tmp_path):
+@pytest.mark.parametrize(("algo", "retries"), [*((algo, 0) for algo in ALGORITHMS), ("ddpg", 3)])
+def test_a_killed_run_resumes_and_ends_in_the_same_weights_as_one_never_killed(algo, retries, tmp_path):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    config = replace(tiny(algo), episodes=12)
+    config = replace(tiny(algo), episodes=12, retries=retries)
     train(config, whole)
     kill_after_episode(killed, config, 7)
     logged = len(CsvLog(killed / "episodes.csv", EPISODE_COLUMNS).rows())
