@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.logs import ATTEMPTS
 
 Table = dict[str, NDArray]
 """A CSV file by column: (N,) float64 and NaN where a cell is empty, or (N,) str for outcomes."""
@@ -121,7 +122,7 @@ def _find(folders: Iterable[Path]) -> dict[Path, list[Path]]:
     found: set[Path] = set()
     for folder in folders:
         here = {path.parent.resolve() for path in folder.rglob("config.json")}
-        here = {path for path in here if (path / "episodes.csv").is_file()}
+        here = {path for path in here if (path / "episodes.csv").is_file() and path.parent.name != ATTEMPTS}
         if not here:
             raise ConfigError(f"no training run in {folder}: a run's folder holds config.json and episodes.csv")
         found |= here

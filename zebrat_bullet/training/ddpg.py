@@ -1,11 +1,14 @@
 """DDPG as the paper trains it, on Stable-Baselines3: two learning rates, and exploration by epsilon over the run."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import DDPG
+from torch import Tensor
 
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg_update import DDPGUpdate
@@ -23,6 +26,7 @@ class PaperDDPG(RunBudget, DDPG):
         self.settings = settings or DDPGConfig()
         self._held = np.zeros((0, 2))
         self._update: DDPGUpdate | None = None
+        self._average: list[Tensor] = []
         self.rng = np.random.default_rng(kwargs.get("seed"))
         super().__init__(*args, **kwargs)
 
@@ -37,6 +41,8 @@ class PaperDDPG(RunBudget, DDPG):
         if self._update is None:
             if self.settings.standardise and self._n_updates == 0:
                 self._standardise(self.replay_buffer.observations[: self.replay_buffer.pos])
+            if not self._average:
+                self._average = [parameter.detach().clone() for parameter in self.actor.parameters()]
             self._update = DDPGUpdate(self, self.settings.precision)
         self._update_learning_rate([])
         loss = torch.zeros(())
@@ -46,8 +52,22 @@ class PaperDDPG(RunBudget, DDPG):
             loss = self._update.critic_step(batch)
             if self._n_updates % self.policy_delay == 0:
                 self._update.actor_step(batch.observations)
+                if self.settings.average:
+                    now = [parameter.data for parameter in self.actor.parameters()]
+                    torch._foreach_lerp_(self._average, now, 1.0 / self.settings.average)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/critic_loss", loss.item())
+
+    @contextmanager
+    def averaged(self) -> Iterator[None]:
+        """Give the actor its average weights, for as long as this lasts."""
+        weights = [parameter.data for parameter in self.actor.parameters()]
+        kept = [weight.clone() for weight in weights]
+        torch._foreach_copy_(weights, self._average or kept)
+        try:
+            yield
+        finally:
+            torch._foreach_copy_(weights, kept)
 
     def _standardise(self, observations: NDArray[np.float32]) -> None:
         for network in (self.actor, self.actor_target, self.critic, self.critic_target):

@@ -7,12 +7,14 @@ from typing import Any
 EPISODE_COLUMNS = (
     "episode", "total_steps", "wall_s", "env", "world", "outcome", "return", "steps", "epsilon",
 )  # fmt: skip
-EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "best")
+EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "averaged", "best")
+ATTEMPTS = "attempts"
+"""Folder within that of a run of several attempts, with one for each of them."""
 
 
 def has_checkpoint(run: Path) -> bool:
     """Return whether a run can be resumed, given its folder."""
-    return (run / "checkpoint").is_dir() or (run / "checkpoint.old").is_dir()
+    return any((run / name).is_dir() for name in ("checkpoint", "checkpoint.old", ATTEMPTS))
 
 
 class CsvLog:

@@ -20,10 +20,11 @@ from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
+from zebrat_bullet.training.attempts import run_attempts
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, has_checkpoint
+from zebrat_bullet.training.logs import ATTEMPTS, EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, has_checkpoint
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import World, load_world
@@ -53,7 +54,10 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
-    _run(config, folder, on_progress, resume=False)
+    if config.attempts > 1:
+        run_attempts(config, folder, on_progress)
+    else:
+        _run(config, folder, on_progress, resume=False)
     _finish(folder)
 
 
@@ -69,14 +73,17 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     if is_finished(folder):
         return
     again = folder / RESTART
-    if has_checkpoint(again) or is_finished(again):
+    config = from_json(TrainConfig, (folder / "config.json").read_text())
+    if config.attempts > 1:
+        run_attempts(config, folder, on_progress)
+    elif has_checkpoint(again) or is_finished(again):
         resume(again, on_progress)
     elif (again / "config.json").is_file():
-        config = from_json(TrainConfig, (again / "config.json").read_text())
+        restarted = from_json(TrainConfig, (again / "config.json").read_text())
         shutil.rmtree(again)
-        train(config, again, on_progress)
+        train(restarted, again, on_progress)
     else:
-        _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
+        _run(config, folder, on_progress, resume=True)
     _finish(folder)
 
 
@@ -90,6 +97,8 @@ def _finish(folder: Path) -> None:
     summary = summarise(folder)
     if (folder / RESTART).exists():
         summary["restarted_in"] = str(folder / RESTART)
+    if (folder / ATTEMPTS).exists():
+        summary["attempts"] = len(list((folder / ATTEMPTS).iterdir()))
     part = folder / "summary.part"
     part.write_text(json.dumps(summary, indent=2))
     part.replace(folder / "summary.json")
