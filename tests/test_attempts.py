@@ -4,7 +4,7 @@ import os
 from dataclasses import replace
 
 import pytest
-from test_training import TINY, kill_after_episode
+from test_training import TINY
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import to_json
@@ -66,7 +66,7 @@ def test_the_clock_is_that_of_the_whole_run(tmp_path):
 
 def test_a_killed_run_keeps_the_attempts_that_had_ended(tmp_path):
     run = tmp_path / "run"
-    kill_after_episode(run / "attempts" / "01", replace(CONFIG, attempts=1), 6)  # stands for one that had ended
+    train(replace(CONFIG, attempts=1), run / "attempts" / "01")
     ended = (run / "attempts" / "01" / "episodes.csv").read_bytes()
     (run / "config.json").write_text(to_json(CONFIG))
     resume(run)
