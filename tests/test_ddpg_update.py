@@ -41,6 +41,10 @@ def weights(model):
     return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
 
 
+def actor_weights(model):
+    return torch.cat([p.detach().flatten() for p in model.actor.parameters()])
+
+
 @pytest.mark.parametrize(
     "config", [PAPER, GENERAL, STANDARDISED], ids=["one critic", "two critics, delayed actor", "standardised"]
 )
@@ -96,3 +100,18 @@ def test_standardised_networks_see_mean_0_and_deviation_1_and_the_exported_polic
     agent = to_agent(model, "x", model.replay_buffer.observation, {})
     for observation in seen[:20]:
         assert agent.action(observation) == pytest.approx(model.predict(observation)[0], abs=1e-4)
+
+
+def test_the_average_follows_the_actor_and_gives_it_back():
+    model = learner(replace(PAPER, learner=replace(PAPER.learner, average=10)), "fp32")
+    model.train(0)
+    expected = actor_weights(model)
+    for _ in range(5):
+        model.train(1, batch_size=32)
+        expected += 0.1 * (actor_weights(model) - expected)
+    own = actor_weights(model)
+    with model.averaged():
+        average = actor_weights(model)
+    assert torch.allclose(average, expected, atol=1e-7)
+    assert (average - own).abs().max() > 1e-5
+    assert torch.equal(actor_weights(model), own)

@@ -41,7 +41,7 @@ class PaperDDPG(RunBudget, DDPG):
         if self._update is None:
             if self.settings.standardise and self._n_updates == 0:
                 self._standardise(self.replay_buffer.observations[: self.replay_buffer.pos])
-            if not self._average:
+            if self.settings.average and not self._average:
                 self._average = [parameter.detach().clone() for parameter in self.actor.parameters()]
             self._update = DDPGUpdate(self, self.settings.precision)
         self._update_learning_rate([])
