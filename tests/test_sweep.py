@@ -147,6 +147,10 @@ def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp
     (run / "checkpoint").mkdir(parents=True)
     (run / "config.json").write_text(to_json(config))
     open_sweep(Sweep(), tmp_path)
+    settings = json.loads(to_json(config))
+    del settings["attempts"]  # as a version wrote it that did not know this setting
+    (run / "config.json").write_text(json.dumps(settings))
+    open_sweep(Sweep(), tmp_path)
     (run / "config.json").write_text(to_json(TrainConfig(episodes=7)))
     with pytest.raises(ConfigError, match=r"trained with other settings \(episodes\)"):
         open_sweep(Sweep(), tmp_path)

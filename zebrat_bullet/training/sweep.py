@@ -154,8 +154,8 @@ def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
     """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
     if read_summary(run) is None and not has_checkpoint(run):
         return
-    before = json.loads((run / "config.json").read_text())
-    now = json.loads(to_json(config))
-    differing = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
+    before = from_json(TrainConfig, (run / "config.json").read_text())  # has the defaults of settings added since
+    names = sorted(field.name for field in fields(TrainConfig))
+    differing = [name for name in names if getattr(before, name) != getattr(config, name)]
     if differing:
         raise ConfigError(f"{run} was trained with other settings ({', '.join(differing)}); move it away or name it so")
