@@ -142,6 +142,18 @@ def test_a_sweep_may_grow_and_not_otherwise_change(tmp_path):
     assert sweep_of(read_manifest(tmp_path / "manifest.json")) == larger
 
 
+def test_the_car_of_a_sweep_trains_and_is_judged(tmp_path):
+    runs = open_sweep(Sweep(robot="long", preset="fast", rewards=("wg",)), tmp_path)
+    (config,) = runs.values()
+    assert config.eval_task is not None
+    for task in (config.task, config.eval_task):
+        assert task.robot == "long" and task.observation.waypoint
+    with pytest.raises(ConfigError, match="robot were long, now zebrat"):
+        open_sweep(Sweep(preset="fast", rewards=("wg",)), tmp_path)
+    with pytest.raises(ConfigError, match="task and eval_task must have the same robot"):
+        open_sweep(Sweep(preset="fast", set=("task.robot=long",)), tmp_path / "other")
+
+
 def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp_path):
     ((run, config),) = open_sweep(Sweep(), tmp_path).items()
     (run / "checkpoint").mkdir(parents=True)
@@ -195,7 +207,7 @@ def test_a_yaml_manifest_names_a_sweep(tmp_path):
     path.write_text("algos: [ddpg, sac]\nseeds: [0, 1, 2]\nset: [episodes=50]\n")
     assert sweep_of(read_manifest(path)) == Sweep(algos=("ddpg", "sac"), seeds=(0, 1, 2), set=("episodes=50",))
     path.write_text("algorithms: [ddpg]")
-    with pytest.raises(ConfigError, match="keys of algos, rewards, worlds, seeds, preset, set"):
+    with pytest.raises(ConfigError, match="keys of algos, rewards, worlds, seeds, preset, robot, set"):
         read_manifest(path)
 
 

@@ -18,14 +18,14 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config import overrides_of, with_overrides, with_reward
+from zebrat_bullet.config import overrides_of, with_overrides
 
 
 def train(arguments: argparse.Namespace) -> Result:
     """Train a policy, or resume a killed run; leave its learning curve in its folder."""
     from zebrat_bullet.report.curves import draw_learning_curve
     from zebrat_bullet.training import run
-    from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
+    from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, with_task
 
     folder = arguments.out or Path("runs") / f"{arguments.preset}-seed{arguments.seed}"
     with progress_bar(arguments) as bar:
@@ -41,8 +41,7 @@ def train(arguments: argparse.Namespace) -> Result:
             config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
             if arguments.algo:
                 config = replace(config, learner=ALGORITHMS[arguments.algo])
-            task = replace(config.task, robot=arguments.robot)
-            config = replace(config, task=with_reward(task, arguments.reward))
+            config = with_task(config, arguments.robot, arguments.reward)
             if arguments.worlds:
                 config = replace(config, worlds=tuple(arguments.worlds))
             from_file = overrides_of(arguments.config) if arguments.config else []

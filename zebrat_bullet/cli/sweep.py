@@ -54,7 +54,7 @@ def _sweep_of(arguments: argparse.Namespace, folder: Path) -> Any:
     saved = folder / MANIFEST
     manifest = arguments.manifest or (saved if saved.is_file() else None)
     settings = read_manifest(manifest) if manifest else {"seeds": [arguments.seed]}
-    given = {name: getattr(arguments, name) for name in (*AXES, "preset", "set")}
+    given = {name: getattr(arguments, name) for name in (*AXES, "preset", "robot", "set")}
     return sweep_of(settings | {name: value for name, value in given.items() if value is not None})
 
 
@@ -104,9 +104,8 @@ def _line(name: str, summary: Mapping[str, Any]) -> str:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(sweep)
-    made.add_argument(
-        "--manifest", type=Path, metavar="YAML", help="a file with any of algos, rewards, worlds, seeds, preset, set"
-    )
+    made.set_defaults(robot=None)  # then that of the manifest
+    made.add_argument("--manifest", type=Path, metavar="YAML", help="a file with any of the settings below")
     made.add_argument("--algos", nargs="+", metavar="ALGO", help="ddpg dqn sac ppo ppo-discrete (default ddpg)")
     made.add_argument("--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg (default fomt)")
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="the training world of each run (default big_track)")

@@ -25,7 +25,20 @@ def paper_config(algo: str, reward: str) -> TrainConfig:
     if algo not in ALGORITHMS:
         raise ConfigError(f"unknown algorithm {algo!r}; valid are: {', '.join(ALGORITHMS)}")
     config = TrainConfig(learner=ALGORITHMS[algo])
-    return replace(config, task=with_reward(config.task, reward))
+    return with_task(config, config.task.robot, reward)
+
+
+def with_task(config: TrainConfig, robot: str, reward: str) -> TrainConfig:
+    """Return the run with another car and reward, in training and evaluation alike.
+
+    Raises:
+        ConfigError: there is no such reward.
+    """
+
+    def changed(task: TaskConfig) -> TaskConfig:
+        return with_reward(replace(task, robot=robot), reward)
+
+    return replace(config, task=changed(config.task), eval_task=config.eval_task and changed(config.eval_task))
 
 
 _OURS = DDPGConfig(

@@ -216,6 +216,9 @@ class TrainConfig:
             _shares(self, "stop_at")
         if self.eval_failures is not None:
             _at_least_one(self, "eval_failures")
+        judged = self.eval_task or self.task
+        if (judged.robot, judged.observation) != (self.task.robot, self.task.observation):
+            raise ConfigError("task and eval_task must have the same robot and observation: set both")
         if not self.worlds and not self.n_generated:
             raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
         if self.steps is not None and self.steps < 1:

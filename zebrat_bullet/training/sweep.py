@@ -8,11 +8,11 @@ from typing import Any
 
 import yaml
 
-from zebrat_bullet.config import from_json, to_json, with_overrides, with_reward
+from zebrat_bullet.config import from_json, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.logs import has_checkpoint
-from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config
+from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config, with_task
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep_run import read_summary
 from zebrat_bullet.world import load_world
@@ -30,6 +30,7 @@ class Sweep:
         worlds: each run's one training world, a name or a file.
         seeds: of the runs.
         preset: one of `TRAIN_PRESETS`; an algorithm other than its own has the paper's networks and parameters.
+        robot: the car of all runs, a name or a URDF file.
         set: "key=value" texts that vary every run's settings.
     """
 
@@ -38,6 +39,7 @@ class Sweep:
     worlds: tuple[str, ...] = ("big_track",)
     seeds: tuple[int, ...] = (0,)
     preset: str = "paper"
+    robot: str = "zebrat"
     set: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -48,8 +50,12 @@ class Sweep:
         if min(self.seeds) < 0:
             raise ConfigError(f"seeds are whole numbers from 0 up, got {min(self.seeds)}")
         # A worker of the cluster has another working directory.
-        worlds = (str(Path(world).resolve()) if Path(world).is_file() else world for world in self.worlds)
-        object.__setattr__(self, "worlds", tuple(worlds))
+        object.__setattr__(self, "worlds", tuple(_anywhere(world) for world in self.worlds))
+        object.__setattr__(self, "robot", _anywhere(self.robot))
+
+
+def _anywhere(name_or_file: str) -> str:
+    return str(Path(name_or_file).resolve()) if Path(name_or_file).is_file() else name_or_file
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -118,14 +124,11 @@ def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
 
 
 def _run_config(sweep: Sweep, algo: str, reward: str, world: str, seed: int) -> TrainConfig:
-    preset = paper_config(algo, reward)
-    if sweep.preset != "paper":
-        if sweep.preset not in TRAIN_PRESETS:
-            raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
-        named = TRAIN_PRESETS[sweep.preset]
-        learner = named.learner if named.learner.algo == algo else preset.learner
-        preset = replace(named, learner=learner, task=with_reward(named.task, reward))
-    planned = replace(preset, worlds=(world,), seed=seed)
+    if sweep.preset not in TRAIN_PRESETS:
+        raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
+    named = TRAIN_PRESETS[sweep.preset]
+    learner = named.learner if named.learner.algo == algo else paper_config(algo, reward).learner
+    planned = with_task(replace(named, learner=learner, worlds=(world,), seed=seed), sweep.robot, reward)
     config = with_overrides(planned, sweep.set)
     if (config.learner.algo, config.worlds, config.seed) != (algo, planned.worlds, seed):
         raise ConfigError(f"set names what is an axis of the sweep; give it as one of {', '.join(AXES)}")
