@@ -56,19 +56,24 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+def _common_options() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--json", action="store_true", help="print one JSON object as the last line")
+    made.add_argument("--seed", type=_seed, default=0, help="seed of everything random (default 0)")
+    made.add_argument("--out", type=Path, help="file or folder to write")
+    made.add_argument("--quiet", action="store_true", help="no progress")
+    made.add_argument("--robot", default="zebrat", help="URDF name or file")
+    return made
+
+
 def _parser() -> argparse.ArgumentParser:
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--json", action="store_true", help="print one JSON object as the last line")
-    common.add_argument("--seed", type=_seed, default=0, help="seed of everything random (default 0)")
-    common.add_argument("--out", type=Path, help="file or folder to write")
-    common.add_argument("--quiet", action="store_true", help="no progress")
-    common.add_argument("--robot", default="zebrat", help="URDF name or file")
     parser = argparse.ArgumentParser(prog="zebrat", description="Learn to drive out of narrow spaces.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
-        made = commands.add_parser(run.__name__, parents=[common, *parents], help=run.__doc__, description=run.__doc__)
+        parents = (_common_options(), *parents)  # made anew: a command may change its defaults
+        made = commands.add_parser(run.__name__, parents=parents, help=run.__doc__, description=run.__doc__)
         made.set_defaults(run=run)
         return made
 
