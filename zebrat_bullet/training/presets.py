@@ -93,19 +93,6 @@ TRAIN_PRESETS = {
         eval_worlds=("big_track", "track_1", "track_2", "track_3"),
         checkpoint_every=50,
     ),
-    "quick": replace(
-        _GENERAL,
-        learner=replace(_OURS, lr_final=1.0, warmup_steps=500),
-        worlds=("track_2",),
-        n_generated=0,
-        episodes=250,
-        max_minutes=3.0,
-        eval_every=25,
-        eval_episodes=5,
-        eval_worlds=("track_2",),
-        n_generated_eval=0,
-        checkpoint_every=50,
-    ),
     "fast": TrainConfig(
         learner=replace(
             _OURS,
@@ -139,5 +126,4 @@ TRAIN_PRESETS = {
     ),
 }
 """`paper`: the paper's. `general`: many generated tracks, to drive unseen ones. `finetune`: on from a `general`
-run's model (with `init=`). `quick`: one track in three minutes at most. `fast`: big_track from nothing
-in five minutes on two cores."""
+run's model (with `init=`). `fast`: big_track from nothing in five minutes on two cores."""
