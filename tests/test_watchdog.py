@@ -141,7 +141,8 @@ def test_what_was_measured_is_said_in_numbers(evaluate) -> None:
     assert "2 of 2 episodes, as track_2 0: collision after 1" in crashing["crashing_at_once"]
     assert "+0.60 m/s (spread 0.0% of the limit) and +0.00 rad (spread 0.0%)" in crashing["one_action"]
     standing = examine(evaluate("no motion"))["standing_still"]
-    assert "stall after 70 steps within 0.01 m" in standing and "no more than the -50 of a crash" in standing
+    assert "stall after 70 steps and 0.0 m, the last 70 within 0.01 m" in standing
+    assert "no more than the -50 of a crash" in standing
 
 
 def test_a_circle_is_measured_as_driven(evaluate) -> None:
@@ -167,19 +168,21 @@ def test_staying_in_a_passage_costs(case: str, pay: float, evaluate) -> None:
     assert evaluate(case)[0].reward.mean() == pytest.approx(pay, abs=0.2)
 
 
-def test_a_car_that_drove_well_and_then_stopped_was_not_paid_to_stay() -> None:
+def test_a_car_that_drove_well_and_then_stopped_stands_still_but_was_not_paid_to_stay() -> None:
     drive = Drive(replace(TASK, reward=REWARD_PRESETS["ft"]), load_world("track_2"))
     record = run_episode(drive, StopsAfter(load_agent("shipped", TASK)), 0, 0)
     drive.close()
     assert record.outcome == "stall" and record.reward.sum() > 50.0
-    assert examine([record]) == {}
+    findings = examine([record])
+    assert set(findings) == {"standing_still"}
+    assert re.search(r"stall after 1\d\d steps and \d\.\d m, the last 70 within 0\.\d\d m", findings["standing_still"])
 
 
 def test_standing_is_said_to_pay_where_it_does(evaluate) -> None:
     (record,) = evaluate("no motion")[:1]
     paid = replace(record, reward=np.full_like(record.reward, 0.1))
     measured = examine([paid])["standing_still"]
-    assert "return 7, more than the -50 of a crash" in measured
+    assert "these paid 7, more than the -50 of a crash" in measured
 
 
 def test_most_episodes_must_show_it(evaluate) -> None:

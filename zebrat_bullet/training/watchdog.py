@@ -44,8 +44,8 @@ class WatchdogConfig:
             of track_4 straight on.
         crash_steps: a collision within so many control steps is one at once. Straight on blindly: 10 to 22, full lock:
             5 to 7. Single episodes of drivers too (`dagger`: 5 of 48), but never most of those of a world.
-        still_m: a car that was cut off and never left ground of this diameter stood still. To and fro for 0.8 s each:
-            0.48; drivers that crash at once: 1.2 on.
+        still_m: a car that was cut off and did not leave ground of this diameter in its last steps (as many as make a
+            stall) stood still. To and fro for 0.8 s each: 0.48; drivers that crash at once: 1.2 on.
         circling_steps: so many steps at the end of an episode are looked at for circling; a minute.
         circling_ratio: a car circles if it drove this many times the diameter of the ground it covered. Full lock at
             full speed: 15, at a third of it: 5.2; to and fro: 21; drivers: at most 2.4; random commands: up to 6.2 in
@@ -127,13 +127,20 @@ def crashing_at_once(record: EpisodeRecord, config: WatchdogConfig) -> str | Non
 
 
 def standing_still(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
-    """Return what shows that the car stayed where it was until cut off, and whether that pays more than a crash."""
-    extent = _extent_m(record.pose)
+    """Return what shows that the car stood until cut off, from the start or later, and if that pays more than a crash.
+
+    Most runs of the paper's preset end so: they drive on to a bend that they cannot take and wait before it
+    (`docs/results/algorithms`).
+    """
+    task = _task(record)
+    n_last = min(task.episode.stall_steps, len(record.reward))
+    extent = _extent_m(record.pose[-n_last - 1 :])
     if not _cut_off(record) or extent > config.still_m:
         return None
-    earned, crash = record.reward.sum(), _task(record).reward.collision
+    earned, crash = record.reward[-n_last:].sum(), task.reward.collision
     return (
-        f"{record.outcome} after {len(record.reward)} steps within {extent:.2f} m; return {earned:.0f}, "
+        f"{record.outcome} after {len(record.reward)} steps and {_path_m(record.pose):.1f} m, the last {n_last} within "
+        f"{extent:.2f} m; these paid {earned:.0f}, "
         f"{'more' if earned > crash else 'no more'} than the {crash:.0f} of a crash"
     )
 
