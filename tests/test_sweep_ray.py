@@ -37,6 +37,7 @@ def cluster(monkeypatch):
     shutil.rmtree(home, ignore_errors=True)
 
 
+@pytest.mark.timeout(900)  # trains on two nodes: over 300 s beside other work
 def test_a_sweep_outlives_a_node_and_runs_nothing_twice(cluster, tmp_path):
     raylet = psutil.Process(cluster.add_node(**NODE).all_processes["raylet"][0].process.pid)
     runs = open_sweep(Sweep(worlds=("track_2",), seeds=(0, 1, 2, 3), set=TINY), tmp_path / "sweep")
