@@ -129,8 +129,8 @@ def crashing_at_once(record: EpisodeRecord, config: WatchdogConfig) -> str | Non
 def standing_still(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
     """Return what shows that the car stood until cut off, from the start or later, and if that pays more than a crash.
 
-    Most runs of the paper's preset end so: they drive on to a bend that they cannot take and wait before it
-    (`docs/results/algorithms`).
+    Two of five runs of the paper's preset ended so: they drove on to a bend that they could not take and waited before
+    it (`docs/results/algorithms`).
     """
     task = _task(record)
     n_last = min(task.episode.stall_steps, len(record.reward))
