@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from zebrat_bullet.evaluation.records import load_record
+from zebrat_bullet.training.sweep_run import claim
 
 ZEBRAT = Path(sys.executable).parent / "zebrat"
 
@@ -53,6 +54,14 @@ def test_train_writes_a_run_that_evaluate_accepts(tmp_path):
     assert answer["episodes"] == 3 and (run / "learning_curve.png").stat().st_size > 10_000
     judged = result("evaluate", "--agent", run, "--worlds", "track_2", "--episodes", 1, "--out", tmp_path / "judged")
     assert judged["track_2"]["episodes"] == 1
+
+
+def test_a_run_that_another_process_trains_is_left_alone(tmp_path):
+    (tmp_path / "config.json").write_text("{}")
+    with claim(tmp_path):
+        done = zebrat("train", "--resume", "--out", tmp_path, check=False)
+    assert done.returncode == 2 and "another process is training in" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "lock"]
 
 
 def test_robots_are_listed_with_what_their_urdf_says_and_drawn(tmp_path):

@@ -19,39 +19,52 @@ from zebrat_bullet.cli.common import (
     task_options,
 )
 from zebrat_bullet.config import overrides_of, with_overrides
+from zebrat_bullet.errors import ConfigError
 
 
 def train(arguments: argparse.Namespace) -> Result:
     """Train a policy, or resume a killed run; leave its learning curve in its folder."""
     from zebrat_bullet.report.curves import draw_learning_curve
     from zebrat_bullet.training import run
-    from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, with_task
+    from zebrat_bullet.training.sweep_run import claim
 
     folder = arguments.out or Path("runs") / f"{arguments.preset}-seed{arguments.seed}"
-    with progress_bar(arguments) as bar:
+    if arguments.resume:
+        run.require_run(folder)
+    config = None if arguments.resume else _train_config(arguments)
+    with claim(folder) as mine, progress_bar(arguments) as bar:
+        if not mine:
+            raise ConfigError(f"another process is training in {folder}; wait for it, or name another folder")
         shown = bar.add_task("training", total=None)
 
         def on_progress(at: Any) -> None:
             note = f"{at.steps_per_s:.0f} steps/s  success {at.recent_success:.0%}  best {at.best_success:.0%}"
             bar.update(shown, completed=at.episode, total=at.n_episodes, description=note)
 
-        if arguments.resume:
+        if config is None:
             run.resume(folder, on_progress)
         else:
-            config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
-            if arguments.algo:
-                config = replace(config, learner=ALGORITHMS[arguments.algo])
-            config = with_task(config, arguments.robot, arguments.reward)
-            if arguments.worlds:
-                config = replace(config, worlds=tuple(arguments.worlds))
-            from_file = overrides_of(arguments.config) if arguments.config else []
-            run.train(with_overrides(config, [*from_file, *arguments.set]), folder, on_progress)
+            run.train(config, folder, on_progress)
     draw_learning_curve(folder, folder / "learning_curve.png")
     summary = run.summarise(folder)
     best = summary["best"]
     curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in run.evaluations(folder))
     text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
     return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
+
+
+def _train_config(arguments: argparse.Namespace) -> Any:
+    """Return the `TrainConfig` that the options say."""
+    from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, with_task
+
+    config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
+    if arguments.algo:
+        config = replace(config, learner=ALGORITHMS[arguments.algo])
+    config = with_task(config, arguments.robot, arguments.reward)
+    if arguments.worlds:
+        config = replace(config, worlds=tuple(arguments.worlds))
+    from_file = overrides_of(arguments.config) if arguments.config else []
+    return with_overrides(config, [*from_file, *arguments.set])
 
 
 def demonstrate(arguments: argparse.Namespace) -> Result:

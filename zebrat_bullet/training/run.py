@@ -68,8 +68,7 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
         ConfigError: the folder holds no run.
         ZebratError: it was killed before its first checkpoint.
     """
-    if not (folder / "config.json").is_file():
-        raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
+    require_run(folder)
     if is_finished(folder):
         return
     again = folder / RESTART
@@ -85,6 +84,16 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     else:
         _run(config, folder, on_progress, resume=True)
     _finish(folder)
+
+
+def require_run(folder: Path) -> None:
+    """Raise unless the folder holds a run.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if not (folder / "config.json").is_file():
+        raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
 
 
 def is_finished(folder: Path) -> bool:
