@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from zebrat_bullet.agents import Agent, load_agent
-from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, TaskConfig
+from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
@@ -177,6 +177,15 @@ def test_a_car_that_drove_well_and_then_stopped_stands_still_but_was_not_paid_to
     findings = examine([record])
     assert set(findings) == {"standing_still"}
     assert re.search(r"stall after 1\d\d steps and \d\.\d m, the last 70 within 0\.\d\d m", findings["standing_still"])
+
+
+def test_a_car_that_waypoints_pay_until_it_is_cut_off_is_not_paid_to_stay() -> None:
+    task = replace(with_reward(TASK, "wg"), episode=EpisodeConfig(max_steps=100))
+    drive = Drive(task, load_world("big_track"))
+    record = run_episode(drive, load_agent("shipped", TASK), 0, 0)
+    drive.close()
+    assert record.outcome == "timeout" and record.reward.sum() > 50.0 and record.reward[-70:].mean() > 0
+    assert "paid_to_stay" not in examine([record])
 
 
 def test_standing_is_said_to_pay_where_it_does(evaluate) -> None:

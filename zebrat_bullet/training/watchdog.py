@@ -164,10 +164,12 @@ def paid_to_stay(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
     """Return what shows that the car earned more than the exit is worth, was cut off, and was still being paid.
 
     A return above the exit's worth alone says nothing: drivers that leave earn 218 to 1,365. Nor does one that drove
-    well and then stopped stay for the pay: standing costs 1 to 11 a step in every place and reward measured.
+    well and then stopped stay for the pay: standing costs 1 to 11 a step in every place and reward measured. What the
+    way to a waypoint pays does not count: a car that was slow was still on its way out.
     """
     task = _task(record)
-    earned, at_the_end = record.reward.sum(), record.reward[-task.episode.stall_steps :].mean()
+    staying = record.reward - record.terms[:, record.term_names.index("W")]
+    earned, at_the_end = record.reward.sum(), staying[-task.episode.stall_steps :].mean()
     if not _cut_off(record) or earned <= task.reward.success or at_the_end <= 0:
         return None
     return (
