@@ -288,6 +288,14 @@ def test_an_evaluation_that_may_not_fail_ends_with_its_first_failure(tmp_path):
     assert float(row["wall_s"]) < 20.0  # 50 episodes would take longer than the run
 
 
+def test_of_policies_that_are_equally_good_the_longest_trained_is_kept(tmp_path):
+    train(TINY, tmp_path)
+    first, last = CsvLog(tmp_path / "evaluations.csv", EVALUATION_COLUMNS).rows()
+    assert (first["success"], first["collision"]) == (last["success"], last["collision"]) == ("0.0", "1.0")
+    kept, trained = (load_file(tmp_path / name) for name in ("best.safetensors", "last.safetensors"))
+    assert last["best"] == "1" and all(np.array_equal(kept[key], trained[key]) for key in kept)
+
+
 def test_a_run_ends_with_the_first_evaluation_that_is_good_enough_in_a_task_of_its_own(tmp_path):
     at_the_exit = replace(TINY.task, episode=EpisodeConfig(open_width_m=0.1))  # open space all around: success at once
     train(replace(TINY, eval_task=at_the_exit, stop_at=0.0), tmp_path / "run")

@@ -77,8 +77,8 @@ def _gather(folder: Path, runs: list[Path]) -> None:
     for name, run, row in _in_order(folder, runs):
         if name == "evaluations":
             result = float(row["success"]), -float(row["collision"]), -float(row["time_s"] or math.inf)
-            row["best"] = int(result > best)
-            best, winner = (result, run) if result > best else (best, winner)
+            row["best"] = int(result >= best)
+            best, winner = (result, run) if result >= best else (best, winner)
         logs[name].append(row)
     if winner is None:
         errors = "".join(f"; {run.name}: {(run / ERROR).read_text()[-500:]}" for run in runs if (run / ERROR).is_file())

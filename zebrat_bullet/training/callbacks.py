@@ -192,7 +192,7 @@ class RunCallback(BaseCallback):
                 agent = self._agent("best")
                 records = self._drive(agent)
                 found.append((score(records), records))
-                if self._best is None or rank(found[-1][0]) > self._best:
+                if self._best is None or rank(found[-1][0]) >= self._best:  # of equals, the longer trained
                     self._best = rank(found[-1][0])
                     save_policy(agent, self._folder / "best.safetensors")
                     self.model.save(self._folder / "best.zip")
