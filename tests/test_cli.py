@@ -95,6 +95,7 @@ def test_worlds_lists_and_draws(tmp_path):
         (("evaluate", "--agent", "random", "--episodes", "0"), "episodes must be at least 1"),
         (("train", "--set", "bach_size=3", "--out", "/nonexistent/x"), "cannot set 'bach_size=3'"),
         (("train", "--resume", "--out", "/nonexistent/x"), "holds no training run"),
+        (("train", "--resume", "--set", "episodes=3", "--out", "/nonexistent/x"), "keeps the settings"),
         (("replay", "/nonexistent/x.npz"), "not an episode record"),
     ],
 )

@@ -200,8 +200,11 @@ def test_a_collapsed_run_is_shown_and_the_next_seed_begun(tmp_path):
     (shown,) = (run / "collapse").glob("episode_00004_*.npz")
     assert load_record(shown).outcome != "success"
     again = json.loads((run / "restart" / "config.json").read_text())
-    assert again["seed"] == 1 and again["watchdog"]["restarts"] == 0
-    assert json.loads((run / "summary.json").read_text())["restarted_in"] == str(run / "restart")
+    assert again["seed"] > 100 and again["watchdog"]["restarts"] == 0  # no neighbour of the seeds of a sweep
+    assert summarise(run / "restart")["best"] == (summary := json.loads((run / "summary.json").read_text()))["best"]
+    assert summary["restarted_in"] == str(run / "restart") and summary["episodes"] == 12
+    kept, its = (load_file(folder / "best.safetensors") for folder in (run, run / "restart"))
+    assert all(np.array_equal(kept[key], its[key]) for key in its)
     (run / "summary.json").unlink()  # killed just before it was written
     resume(run)
     assert is_finished(run) and is_finished(run / "restart")
@@ -265,6 +268,26 @@ def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
     train(config, tmp_path / "second")  # one random episode: nothing is learned, so the networks are as they began
     second = load_file(tmp_path / "second" / "last.safetensors")
     assert all(np.array_equal(first[key], second[key]) for key in first)
+
+
+def test_fine_tuning_keeps_what_the_networks_were_standardised_by(tmp_path):
+    config = replace(TINY, learner=replace(TINY.learner, standardise=True))
+    train(replace(config, episodes=4), tmp_path / "first")
+    model, _ = load_checkpoint(tmp_path / "first" / "checkpoint", "ddpg", None)
+    train(replace(config, seed=9, init=str(tmp_path / "first" / "best.zip")), tmp_path / "second")
+    tuned, _ = load_checkpoint(tmp_path / "second" / "checkpoint", "ddpg", None)
+    assert tuned._n_updates > 0 and model.actor.features_extractor.mean.any()
+    assert torch.equal(tuned.actor.features_extractor.mean, model.actor.features_extractor.mean)
+
+
+def test_a_model_to_begin_with_must_be_there_and_fit(tmp_path):
+    with pytest.raises(ConfigError, match=r"init must name a run.s best\.zip, got .nothing\.zip."):
+        train(replace(TINY, init="nothing.zip"), tmp_path / "none")
+    train(replace(TINY, episodes=1), tmp_path / "first")
+    other = replace(TINY, init=str(tmp_path / "first" / "best.zip"), learner=replace(TINY.learner, hidden=(8, 8)))
+    with pytest.raises(ConfigError, match="holds other networks than the settings of this run name"):
+        train(other, tmp_path / "second")
+    train(replace(other, init=""), tmp_path / "second")  # what failed to begin is no run that is in the way
 
 
 def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_epsilon(learner):

@@ -28,8 +28,10 @@ def train(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.training import run
     from zebrat_bullet.training.sweep_run import claim
 
-    folder = arguments.out or Path("runs") / f"{arguments.preset}-seed{arguments.seed}"
+    folder = arguments.out or Path("runs") / _run_name(arguments)
     if arguments.resume:
+        if arguments.set or arguments.config or arguments.algo or arguments.worlds:
+            raise ConfigError("a resumed run keeps the settings that it was begun with: leave out all but --out")
         run.require_run(folder)
     config = None if arguments.resume else _train_config(arguments)
     with claim(folder) as mine, progress_bar(arguments) as bar:
@@ -51,6 +53,12 @@ def train(arguments: argparse.Namespace) -> Result:
     curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in run.evaluations(folder))
     text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
     return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
+
+
+def _run_name(arguments: argparse.Namespace) -> str:
+    algo = [arguments.algo] if arguments.algo else []
+    reward = [arguments.reward] if arguments.reward != "fomt" else []
+    return "-".join([arguments.preset, *algo, *reward, f"seed{arguments.seed}"])
 
 
 def _train_config(arguments: argparse.Namespace) -> Any:

@@ -89,7 +89,8 @@ def _table(runs: Mapping[Path, Any]) -> Table:
 
 
 def _summary(run: Path) -> dict[str, Any]:
-    from zebrat_bullet.training.sweep_run import ERROR, read_summary
+    from zebrat_bullet.training.logs import ERROR
+    from zebrat_bullet.training.sweep_run import read_summary
 
     return read_summary(run) or {"folder": str(run), "error": (run / ERROR).read_text().splitlines()[-1]}
 
@@ -108,7 +109,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--manifest", type=Path, metavar="YAML", help="a file with any of the settings below")
     made.add_argument("--algos", nargs="+", metavar="ALGO", help="ddpg dqn sac ppo ppo-discrete (default ddpg)")
     made.add_argument("--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg (default fomt)")
-    made.add_argument("--worlds", nargs="+", metavar="WORLD", help="the training world of each run (default big_track)")
+    made.add_argument("--worlds", nargs="+", metavar="WORLD", help="one training world a run (default: the preset's)")
     made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default: --seed)")
     made.add_argument("--preset", help="settings to begin with (default: the paper's)")
     made.add_argument("--set", nargs="+", metavar="KEY=VALUE", help="override settings of all runs, e.g. episodes=500")

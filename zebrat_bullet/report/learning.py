@@ -47,7 +47,7 @@ def learning_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return one row a group, and a line for every run that is unfinished or was restarted (Markdown)."""
     head = (
         "algorithm", "reward", "seeds", "episodes", "steps", "best score", "success of the best policy: mean",
-        "IQM (95 %)", "at the end: IQM (95 %)", "seeds that succeed", "time of successes, s", "wall time, h",
+        "IQM (95 %)", "at the end: IQM (95 %)", "seeds with any success", "time of successes, s", "wall time, h",
         "failed episodes paid above the exit / above the median success", "best paid failure",
     )  # fmt: skip
     rows = [head, ["---"] * len(head), *map(_row, summaries)]
@@ -55,7 +55,8 @@ def learning_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         "",
         "Mean over seeds, ± the standard deviation. Best score: the highest return of a training episode; it means "
         "nothing across rewards. The best policy is the best of the run's noise-free evaluations, by those same "
-        "evaluations, so its success is optimistic; the policy at the end was not chosen.",
+        "evaluations, so its success is optimistic; the policy at the end was not chosen (a run of attempts has none). "
+        "Where an evaluation ends with its first failure (eval_failures), success is the share driven before it.",
         *_notes(summaries),
     ]
     return "\n".join(["| " + " | ".join(row) + " |" for row in rows] + notes)

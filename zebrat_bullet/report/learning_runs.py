@@ -41,6 +41,7 @@ class TrainingRun:
         seed: its first seed.
         budget: episodes that it was to last.
         finished: it came to its end.
+        attempts: how many it was to have (1: it is one); their rows are in the order of time.
         restarts: how often the watchdog began it anew.
         episodes: columns episode, total_steps, wall_s, return, steps, and outcome (str), a row an episode.
         evaluations: columns episode, total_steps, wall_s, success, collision, fail, time_s, best, a row a noise-free
@@ -51,6 +52,7 @@ class TrainingRun:
     seed: int
     budget: int
     finished: bool
+    attempts: int
     restarts: int
     episodes: Table
     evaluations: Table
@@ -156,6 +158,7 @@ def _read_run(folder: Path, config: dict[str, Any], restarts: Sequence[Path]) ->
         budget=budget,
         # Runs of older versions leave no summary.
         finished=(attempts[-1] / "summary.json").is_file() or sum(len(t["episode"]) for t in episodes) >= budget,
+        attempts=config.get("attempts", 1),
         restarts=len(restarts),
         episodes=_one_after_the_other(episodes, episodes),
         evaluations=_one_after_the_other(evaluations, episodes),

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap, trim_mean
 
-from zebrat_bullet.report.learning_runs import RunGroup, TrainingRun
+from zebrat_bullet.report.learning_runs import RunGroup, Table, TrainingRun
+from zebrat_bullet.training.logs import rank
 
 
 def iqm(values: NDArray[np.float64], axis: int = -1) -> Any:
@@ -76,10 +77,9 @@ def _best_paid_failure(runs: Sequence[TrainingRun]) -> dict[str, Any] | None:
 def summarise_run(run: TrainingRun) -> dict[str, Any]:
     """Return what a run has reached; None where it has no such thing yet."""
     episodes, judged = run.episodes, run.evaluations
-    best = np.flatnonzero(judged["best"] == 1)
-    at_best = {
-        name: _number(judged[name][best[-1]]) if len(best) else None for name in ("episode", "success", "time_s")
-    }
+    best = _best(judged)
+    at_best = {name: None if best is None else _number(judged[name][best]) for name in ("episode", "success", "time_s")}
+    has_last = run.attempts == 1 and len(judged["success"])  # whichever attempt was judged last says nothing
     return {
         "folder": str(run.folder),
         "seed": run.seed,
@@ -91,8 +91,15 @@ def summarise_run(run: TrainingRun) -> dict[str, Any]:
         "wall_s": float(max([*episodes["wall_s"], *judged["wall_s"]], default=0.0)),
         "best_score": float(max(episodes["return"])) if len(episodes["return"]) else None,
         "best_policy": at_best,
-        "last_success": float(judged["success"][-1]) if len(judged["success"]) else None,
+        "last_success": float(judged["success"][-1]) if has_last else None,
     }
+
+
+def _best(judged: Table) -> int | None:
+    """Return which evaluation is that of the policy kept: the last of the best, a restart's included."""
+    kept = np.flatnonzero(judged["best"] == 1).tolist()
+    names = ("success", "collision", "time_s")
+    return max(kept, key=lambda i: (rank({name: _number(float(judged[name][i])) for name in names}), i), default=None)
 
 
 def summarise_group(group: RunGroup) -> dict[str, Any]:

@@ -16,13 +16,12 @@ import numpy as np
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.training.callbacks import Progress
-from zebrat_bullet.training.logs import ATTEMPTS, EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import ATTEMPTS, EPISODE_COLUMNS, ERROR, EVALUATION_COLUMNS, POLICY_FILES, CsvLog, rank
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep_local import run_locally
-from zebrat_bullet.training.sweep_run import ERROR, cores_of, status
+from zebrat_bullet.training.sweep_run import cores_of, status
 
 TABLES = {"episodes": EPISODE_COLUMNS, "evaluations": EVALUATION_COLUMNS}
-POLICY_FILES = ("best.safetensors", "best.zip")
 
 
 def run_attempts(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None]) -> None:
@@ -76,7 +75,7 @@ def _gather(folder: Path, runs: list[Path]) -> None:
     winner = None
     for name, run, row in _in_order(folder, runs):
         if name == "evaluations":
-            result = float(row["success"]), -float(row["collision"]), -float(row["time_s"] or math.inf)
+            result = rank(row)
             row["best"] = int(result >= best)
             best, winner = (result, run) if result >= best else (best, winner)
         logs[name].append(row)

@@ -17,7 +17,7 @@ from zebrat_bullet.training.learners import build_learner
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 
-WARMUP_STEPS = 300
+WARMUP_STEPS, RANDOM_STEPS = 300, 100
 
 
 def bench_learning(config: TrainConfig, n_steps: int, rounds: int) -> dict[str, dict[str, float]]:
@@ -25,7 +25,7 @@ def bench_learning(config: TrainConfig, n_steps: int, rounds: int) -> dict[str, 
 
     Args:
         config: a DDPG run; its world, task, networks, batch and replay are those of every way.
-        n_steps: environment steps, and so gradient steps, of each way in each round.
+        n_steps: environment steps, and so gradient steps, of each way in each round, at least.
         rounds: rounds, of which the medians are given.
 
     Returns:
@@ -35,17 +35,20 @@ def bench_learning(config: TrainConfig, n_steps: int, rounds: int) -> dict[str, 
     Raises:
         ConfigError: the run is not DDPG, or there is nothing to time.
     """
-    if not isinstance(config.learner, DDPGConfig):
-        raise ConfigError(f"only DDPG can be timed beside Stable-Baselines3's own, got {config.learner.algo!r}")
+    learner = config.learner
+    if not isinstance(learner, DDPGConfig):
+        raise ConfigError(f"only DDPG can be timed beside Stable-Baselines3's own, got {learner.algo!r}")
     if n_steps < 1 or rounds < 1:
         raise ConfigError(f"steps and rounds must be at least 1, got {n_steps} and {rounds}")
+    learner = replace(learner, warmup_steps=RANDOM_STEPS)  # as Stable-Baselines3's own
+    config = replace(config, learner=learner)
     n_threads = torch.get_num_threads()
     ways = {
         "Stable-Baselines3, 1 thread": _Way(_plain(config), 1),
         f"Stable-Baselines3, {n_threads} threads": _Way(_plain(config), n_threads),
         "ours, one process": _Way(_ours(replace(config, overlap=False)), 1),
         "ours, float32, overlapped": _Way(
-            _ours(replace(config, overlap=True, learner=replace(config.learner, precision="fp32"))), 1
+            _ours(replace(config, overlap=True, learner=replace(learner, precision="fp32"))), 1
         ),
         "ours, overlapped": _Way(_ours(replace(config, overlap=True)), 1),
     }
@@ -76,9 +79,10 @@ class _Way:
     def run(self, n_steps: int) -> tuple[float, float]:
         """Learn for so many steps; return the time of a step and of its update in s."""
         torch.set_num_threads(self._threads)
-        self._in_updates, began = 0.0, time.perf_counter()
+        self._in_updates, began, first = 0.0, time.perf_counter(), self._model.num_timesteps
         self._model.learn(n_steps, reset_num_timesteps=False)
-        return (time.perf_counter() - began) / n_steps, self._in_updates / n_steps
+        n_driven = self._model.num_timesteps - first  # whole rollouts
+        return (time.perf_counter() - began) / n_driven, self._in_updates / n_driven
 
     def close(self) -> None:
         """Release the environments."""

@@ -1,7 +1,6 @@
 """What happens beside the learning: episode log, noise-free evaluation, watchdog, checkpoints, progress, the end."""
 
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
 from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.learners import critic_values, exploration, to_agent
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog
 from zebrat_bullet.world import World
@@ -44,11 +43,6 @@ class Progress:
     steps_per_s: float
     recent_success: float
     best_success: float
-
-
-def rank(result: Score) -> tuple[float, float, float]:
-    """Return the order in which policies are better: success, then collisions, then time."""
-    return result.success, -result.collision, -(result.time_s if result.time_s is not None else math.inf)
 
 
 class RunCallback(BaseCallback):
@@ -191,16 +185,17 @@ class RunCallback(BaseCallback):
             with in_place():
                 agent = self._agent("best")
                 records = self._drive(agent)
-                found.append((score(records), records))
-                if self._best is None or rank(found[-1][0]) >= self._best:  # of equals, the longer trained
-                    self._best = rank(found[-1][0])
+                found.append((self._score(records), records))
+                reached = rank(found[-1][0].as_dict())
+                if self._best is None or reached >= self._best:  # of equals, the longer trained
+                    self._best = reached
                     save_policy(agent, self._folder / "best.safetensors")
                     self.model.save(self._folder / "best.zip")
                     best = True
             if self._config.stop_at is not None and found[-1][0].success >= self._config.stop_at:
                 self._good_enough = True
                 break
-        averaged = len(found) > 1 and rank(found[1][0]) > rank(found[0][0])
+        averaged = len(found) > 1 and rank(found[1][0].as_dict()) > rank(found[0][0].as_dict())
         result = found[averaged][0]
         row = {name: getattr(result, name) for name in ("success", "collision", "fail", "time_s")}
         where = {"episode": self._episode, "total_steps": self.num_timesteps, "wall_s": round(self._wall_s(), 2)}
@@ -217,16 +212,21 @@ class RunCallback(BaseCallback):
         return [nullcontext]
 
     def _drive(self, agent: Agent) -> list[EpisodeRecord]:
-        """Drive the evaluation's episodes; after `eval_failures` that fail, the rest count as the last of them."""
-        jobs = [(world, episode) for world in self._eval_worlds for episode in range(self._config.eval_episodes)]
+        """Drive the evaluation's episodes, up to the last of `eval_failures` that fail."""
         records: list[EpisodeRecord] = []
         failures = 0
-        for world, episode in jobs:
-            records.append(run_episode(self._judge, agent, self._config.seed + 1_000_000, episode, world))
-            failures += records[-1].outcome != "success"
-            if failures == self._config.eval_failures:
-                return records + [records[-1]] * (len(jobs) - len(records))
+        for world in self._eval_worlds:
+            for episode in range(self._config.eval_episodes):
+                records.append(run_episode(self._judge, agent, self._config.seed + 1_000_000, episode, world))
+                failures += records[-1].outcome != "success"
+                if failures == self._config.eval_failures:
+                    return records
         return records
+
+    def _score(self, records: list[EpisodeRecord]) -> Score:
+        """Score an evaluation; the episodes that were not driven count as the last failure."""
+        n_episodes = len(self._eval_worlds) * self._config.eval_episodes
+        return score(records + records[-1:] * (n_episodes - len(records)))
 
     def _watch(self, records: list[EpisodeRecord]) -> None:
         """Name a collapse in the log, with the episode that shows it."""
@@ -238,7 +238,7 @@ class RunCallback(BaseCallback):
             self._findings.append(finding.row(self._episode))
             if finding == self._watchdog.confirmed:
                 self._show(finding)
-                if self._config.watchdog.restarts and share < 1.0:
+                if self._config.watchdog.restarts and share < 1.0 and not self._good_enough:
                     self.collapse = finding
 
     def _show(self, finding: Finding) -> None:
@@ -260,5 +260,5 @@ class RunCallback(BaseCallback):
         self.model.save(self._folder / "non_finite.zip")
         raise SimulationError(
             f"a network weight is not finite after episode {self._episode}; the learner was saved as "
-            f"{self._folder / 'non_finite.zip'}; resume from the checkpoint with lower learning rates"
+            f"{self._folder / 'non_finite.zip'}; train anew with lower learning rates"
         )

@@ -48,7 +48,9 @@ def load_checkpoint(folder: Path, algo: str, env: Any) -> tuple[BaseAlgorithm, d
     if not folder.exists():
         folder = folder.with_suffix(".old")  # killed between the two renames
     if not folder.exists():
-        raise ZebratError(f"nothing to resume in {folder.parent}: no checkpoint was written yet; start it anew")
+        raise ZebratError(
+            f"nothing to resume in {folder.parent}: no checkpoint was written yet; begin it anew in another folder"
+        )
     model = LEARNERS[algo].load(folder / "model.zip", env=env, device="cpu", force_reset=False)
     if isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(folder / "replay.pkl", truncate_last_traj=False)

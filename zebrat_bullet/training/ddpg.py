@@ -39,7 +39,7 @@ class PaperDDPG(RunBudget, DDPG):
         """Do the gradient steps of `TD3.train`, faster."""
         assert self.replay_buffer is not None
         if self._update is None:
-            if self.settings.standardise and self._n_updates == 0:
+            if self.settings.standardise and not self._is_standardised():
                 self._standardise(self.replay_buffer.observations[: self.replay_buffer.pos])
             if self.settings.average and not self._average:
                 self._average = [parameter.detach().clone() for parameter in self.actor.parameters()]
@@ -68,6 +68,11 @@ class PaperDDPG(RunBudget, DDPG):
             yield
         finally:
             torch._foreach_copy_(weights, kept)
+
+    def _is_standardised(self) -> bool:
+        """Return whether mean and deviation were taken already: before a resume, or by the model to begin with."""
+        features: Any = self.actor.features_extractor
+        return bool(features.mean.any())
 
     def _standardise(self, observations: NDArray[np.float32]) -> None:
         for network in (self.actor, self.actor_target, self.critic, self.critic_target):

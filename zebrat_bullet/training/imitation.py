@@ -5,7 +5,6 @@ there, and the learner is fitted anew to all that has been gathered. Iteration 0
 """
 
 import json
-import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,10 +21,9 @@ from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.training.callbacks import rank
 from zebrat_bullet.training.cloning import Clone, CloneConfig, clone
 from zebrat_bullet.training.demonstrations import encode_pairs, labels_path, load_demonstrations, observation_of
-from zebrat_bullet.training.logs import CsvLog
+from zebrat_bullet.training.logs import CsvLog, rank
 from zebrat_bullet.training.run import run_versions
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import World, load_world
@@ -156,7 +154,7 @@ class _Run:
                 self._collect(drive, iteration)
             fitted, n_pairs = self._fit(iteration)
             result = self._evaluate(drive, fitted.agent)
-            best = all(rank(result) > _rank(row) for row in iterations(self._folder))
+            best = all(rank(result.as_dict()) > rank(row) for row in iterations(self._folder))
             self._iteration_folder(iteration).mkdir(exist_ok=True)
             save_policy(fitted.agent, self._policy_path(iteration))
             if best:
@@ -230,10 +228,3 @@ class _Run:
                 for episode in range(self._config.eval_episodes)
             ]
         )
-
-
-def _rank(row: dict[str, float | None]) -> tuple[float, float, float]:
-    """Return the rank of an earlier iteration, in the order of `rank`."""
-    success, collision, time_s = row["success"], row["collision"], row["time_s"]
-    assert success is not None and collision is not None
-    return success, -collision, -math.inf if time_s is None else -time_s

@@ -1,6 +1,8 @@
 """The run folder's tables: one CSV row an episode and one an evaluation; cut back when a run resumes."""
 
 import csv
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,8 @@ EPISODE_COLUMNS = (
     "episode", "total_steps", "wall_s", "env", "world", "outcome", "return", "steps", "epsilon",
 )  # fmt: skip
 EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "averaged", "best")
+POLICY_FILES = ("best.safetensors", "best.zip")
+ERROR = "error.txt"
 ATTEMPTS = "attempts"
 """Folder within that of a run of several attempts, with one for each of them."""
 
@@ -15,6 +19,12 @@ ATTEMPTS = "attempts"
 def has_checkpoint(run: Path) -> bool:
     """Return whether a run can be resumed, given its folder."""
     return any((run / name).is_dir() for name in ("checkpoint", "checkpoint.old", ATTEMPTS))
+
+
+def rank(evaluation: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Return the order in which policies are better, given their evaluations: success, then collisions, then time."""
+    success, collision, time_s = (evaluation[name] for name in ("success", "collision", "time_s"))
+    return float(success), -float(collision), -float(time_s or math.inf)
 
 
 class CsvLog:
@@ -28,11 +38,11 @@ class CsvLog:
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
         self._path, self._columns = path, columns
         if not path.exists():
-            self._write("w", [])
+            self._write(path, "w", [])
 
     def append(self, row: dict[str, Any]) -> None:
-        """Add a row; it is on disk when this returns."""
-        self._write("a", [row])
+        """Add a row; a kill of this process does not lose it."""
+        self._write(self._path, "a", [row])
 
     def rows(self) -> list[dict[str, str]]:
         """Return every row as strings by column."""
@@ -42,10 +52,12 @@ class CsvLog:
     def cut_after(self, episode: int) -> None:
         """Drop the rows of episodes after `episode`, which a resumed run drives again."""
         kept = [row for row in self.rows() if int(row["episode"]) <= episode]
-        self._write("w", kept)
+        part = self._path.with_suffix(".part")
+        self._write(part, "w", kept)
+        part.replace(self._path)
 
-    def _write(self, mode: str, rows: list[dict[str, Any]]) -> None:
-        with self._path.open(mode, newline="") as file:
+    def _write(self, path: Path, mode: str, rows: list[dict[str, Any]]) -> None:
+        with path.open(mode, newline="") as file:
             writer = csv.DictWriter(file, self._columns)
             if mode == "w":
                 writer.writeheader()

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
@@ -24,8 +25,17 @@ from zebrat_bullet.training.attempts import run_attempts
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
-from zebrat_bullet.training.logs import ATTEMPTS, EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, has_checkpoint
-from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.logs import (
+    ATTEMPTS,
+    EPISODE_COLUMNS,
+    ERROR,
+    EVALUATION_COLUMNS,
+    POLICY_FILES,
+    CsvLog,
+    has_checkpoint,
+    rank,
+)
+from zebrat_bullet.training.settings import TrainConfig, require_init
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import World, load_world
 from zebrat_bullet.world.generate import generate_track
@@ -45,12 +55,16 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
         on_progress: told after every episode.
 
     Raises:
-        ConfigError: the folder holds a run already, or transitions of a lopsided car would be mirrored.
+        ConfigError: the folder holds a run already, there is no such world or model to begin with, or transitions of a
+            lopsided car would be mirrored.
     """
-    if (folder / "config.json").exists():
+    if has_checkpoint(folder) or is_finished(folder) or any((folder / name).exists() for name in POLICY_FILES):
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
     if getattr(config.learner, "mirror", False):
         _require_symmetry(config.task)
+    for name in {*config.worlds, *config.eval_worlds}:
+        load_world(name)
+    require_init(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
@@ -102,12 +116,11 @@ def is_finished(folder: Path) -> bool:
 
 
 def _finish(folder: Path) -> None:
-    """Write the summary, whose presence says that the run is over."""
+    """Write the summary, whose presence says that the run is over; keep the best policy, be it a restart's."""
     summary = summarise(folder)
-    if (folder / RESTART).exists():
-        summary["restarted_in"] = str(folder / RESTART)
-    if (folder / ATTEMPTS).exists():
-        summary["attempts"] = len(list((folder / ATTEMPTS).iterdir()))
+    if (again := folder / RESTART).exists() and summarise(again)["best"] == summary["best"]:
+        for name in POLICY_FILES:
+            shutil.copy2(again / name, folder / name)
     part = folder / "summary.part"
     part.write_text(json.dumps(summary, indent=2))
     part.replace(folder / "summary.json")
@@ -129,8 +142,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
                 vec_env.env_method("go_to", place, indices=i)
         else:
             model, state = build_learner(config, vec_env, observation), {}
-            if config.init:
-                model.set_parameters(config.init, device="cpu")
+            _begin_with(model, config.init)
         model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         if isinstance(model, OffPolicyAlgorithm):
             learn_meanwhile(model, vec_env)
@@ -142,7 +154,19 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
         judge.close()
     if callback.collapse is not None:
         watchdog = replace(config.watchdog, restarts=config.watchdog.restarts - 1)
-        train(replace(config, seed=config.seed + 1, watchdog=watchdog), folder / RESTART, on_progress)
+        # A seed of its own: the next number is likely to be another run of the same sweep.
+        seed = int(np.random.SeedSequence([config.seed, config.watchdog.restarts]).generate_state(1)[0] >> 1)
+        train(replace(config, seed=seed, watchdog=watchdog), folder / RESTART, on_progress)
+
+
+def _begin_with(model: BaseAlgorithm, init: str) -> None:
+    """Give a new learner the networks of another."""
+    if not init:
+        return
+    try:
+        model.set_parameters(init, device="cpu")
+    except (RuntimeError, ValueError) as error:
+        raise ConfigError(f"{init} holds other networks than the settings of this run name: {error}") from error
 
 
 def _require_symmetry(task: TaskConfig) -> None:
@@ -189,14 +213,28 @@ def evaluations(folder: Path) -> list[dict[str, str]]:
 
 
 def summarise(folder: Path) -> dict[str, Any]:
-    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
+    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy.
+
+    What a restart did is added; the numbers of the best policy count within the run that it is of.
+    """
     episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
     judged = evaluations(folder)
     best = [row for row in judged if row["best"] == "1"][-1]
-    return {
+    summary: dict[str, Any] = {
         "folder": str(folder),
         "episodes": len(episodes),
         "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
         "wall_s": float(judged[-1]["wall_s"]),
         "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
     }
+    if (folder / ATTEMPTS).exists():
+        attempts = list((folder / ATTEMPTS).iterdir())
+        summary |= {"attempts": len(attempts), "failed_attempts": sum((at / ERROR).is_file() for at in attempts)}
+    if is_finished(folder / RESTART):
+        again = summarise(folder / RESTART)
+        for key in ("episodes", "total_steps", "wall_s"):
+            summary[key] += again[key]
+        if rank(again["best"]) >= rank(summary["best"]):
+            summary["best"] = again["best"]
+        summary["restarted_in"] = again["folder"]
+    return summary

@@ -1,6 +1,7 @@
 """Settings of a training run and of its learner: frozen, validated once, varied by `dataclasses.replace`."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from zebrat_bullet.config import LidarConfig, TaskConfig
@@ -60,7 +61,7 @@ class DDPGConfig:
 
     def __post_init__(self) -> None:
         _at_least_one(self, "buffer_size", "batch_size", "n_critics", "policy_delay", "warmup_steps", "hold_steps")
-        _not_negative(self, "average")
+        _not_negative(self, "average", "sigma", "target_noise")
         _shares(self, "lr_final", "gamma", "tau", "epsilon")
 
 
@@ -169,7 +170,8 @@ class TrainConfig:
         overlap: step the environments in processes of their own while the learner updates. The result is the same to
             the last bit; it pays where a second core is idle.
         threads: torch threads.
-        eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world.
+        eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world. PPO is
+            judged and saved between two rollouts only, so it waits for the end of one (2,048 steps).
         eval_failures: after so many failed episodes the rest of an evaluation counts as failed, undriven; None: never.
             With 1, a run can afford to look often for a policy that never fails.
         eval_worlds: where; empty for the training worlds' first.
@@ -210,7 +212,7 @@ class TrainConfig:
         _at_least_one(
             self, "episodes", "attempts", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every"
         )
-        _not_negative(self, "retries")
+        _not_negative(self, "retries", "n_generated", "n_generated_eval")
         _shares(self, "tightness")
         if self.stop_at is not None:
             _shares(self, "stop_at")
@@ -222,7 +224,21 @@ class TrainConfig:
         if not self.worlds and not self.n_generated:
             raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
         if self.steps is not None and self.steps < 1:
-            raise ConfigError(f"steps must be at least 1, or none for no such limit; got {self.steps}")
+            raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
+        if self.max_minutes is not None and self.max_minutes <= 0:
+            raise ConfigError(f"max_minutes must be above 0, or null for no such limit; got {self.max_minutes}")
+        if self.attempts > 1 and self.watchdog.restarts:
+            raise ConfigError("a run of several attempts has no use for watchdog.restarts: set one of the two")
+
+
+def require_init(config: TrainConfig) -> None:
+    """Raise unless the model to begin with, if there is to be one, is there.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    if config.init and not Path(config.init).is_file():
+        raise ConfigError(f"init must name a run's best.zip, got {config.init!r}, which is no file")
 
 
 def _at_least_one(config: object, *names: str) -> None:

@@ -13,7 +13,7 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config, with_task
-from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.settings import TrainConfig, require_init
 from zebrat_bullet.training.sweep_run import read_summary
 from zebrat_bullet.world import load_world
 
@@ -27,7 +27,7 @@ class Sweep:
 
     Attributes:
         algos, rewards: as in `zebrat train`.
-        worlds: each run's one training world, a name or a file.
+        worlds: each run's one training world, a name or a file; none for those of the preset.
         seeds: of the runs.
         preset: one of `TRAIN_PRESETS`; an algorithm other than its own has the paper's networks and parameters.
         robot: the car of all runs, a name or a URDF file.
@@ -36,7 +36,7 @@ class Sweep:
 
     algos: tuple[str, ...] = ("ddpg",)
     rewards: tuple[str, ...] = ("fomt",)
-    worlds: tuple[str, ...] = ("big_track",)
+    worlds: tuple[str, ...] = ()
     seeds: tuple[int, ...] = (0,)
     preset: str = "paper"
     robot: str = "zebrat"
@@ -45,7 +45,7 @@ class Sweep:
     def __post_init__(self) -> None:
         for axis in AXES:
             values = getattr(self, axis)
-            if not values or len(values) != len(frozenset(values)):
+            if (not values and axis != "worlds") or len(values) != len(frozenset(values)):
                 raise ConfigError(f"{axis} must name at least one, and each once; got {', '.join(map(str, values))!r}")
         if min(self.seeds) < 0:
             raise ConfigError(f"seeds are whole numbers from 0 up, got {min(self.seeds)}")
@@ -99,7 +99,7 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     runs = _runs(sweep, folder)
     a_run = next(iter(runs.values()))
     load_robot(a_run.task.robot)
-    for world in (*sweep.worlds, *a_run.eval_worlds):
+    for world in {*sweep.worlds, *a_run.worlds, *a_run.eval_worlds}:
         load_world(world)
     for run, config in runs.items():
         _refuse_other_settings(run, config)
@@ -112,31 +112,33 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
 
 def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     runs: dict[Path, TrainConfig] = {}
-    for algo, reward, world, seed in product(sweep.algos, sweep.rewards, sweep.worlds, sweep.seeds):
-        run = folder / f"{algo}-{reward}-{Path(world).stem}-seed{seed}"
+    if sweep.preset not in TRAIN_PRESETS:
+        raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
+    training: list[tuple[str, ...]] = [(world,) for world in sweep.worlds]
+    training = training or [TRAIN_PRESETS[sweep.preset].worlds]
+    for algo, reward, worlds, seed in product(sweep.algos, sweep.rewards, training, sweep.seeds):
+        where = "+".join(dict.fromkeys(Path(world).stem for world in worlds))
+        run = folder / f"{algo}-{reward}-{where}-seed{seed}"
         if run in runs:
-            raise ConfigError(f"{world!r} and {runs[run].worlds[0]!r} would share the folder {run}; rename one file")
+            raise ConfigError(
+                f"{worlds[0]!r} and {runs[run].worlds[0]!r} would share the folder {run}; rename one file"
+            )
         try:
-            runs[run] = _run_config(sweep, algo, reward, world, seed)
+            runs[run] = _run_config(sweep, algo, reward, worlds, seed)
         except ZebratError as error:
             raise ConfigError(f"{run.name}: {error}") from error
     return runs
 
 
-def _run_config(sweep: Sweep, algo: str, reward: str, world: str, seed: int) -> TrainConfig:
-    if sweep.preset not in TRAIN_PRESETS:
-        raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
+def _run_config(sweep: Sweep, algo: str, reward: str, worlds: tuple[str, ...], seed: int) -> TrainConfig:
     named = TRAIN_PRESETS[sweep.preset]
     learner = named.learner if named.learner.algo == algo else paper_config(algo, reward).learner
-    planned = with_task(replace(named, learner=learner, worlds=(world,), seed=seed), sweep.robot, reward)
+    planned = with_task(replace(named, learner=learner, worlds=worlds, seed=seed), sweep.robot, reward)
     config = with_overrides(planned, sweep.set)
     if (config.learner.algo, config.worlds, config.seed) != (algo, planned.worlds, seed):
         raise ConfigError(f"set names what is an axis of the sweep; give it as one of {', '.join(AXES)}")
-    if not config.init:
-        return config
-    if not Path(config.init).is_file():
-        raise ConfigError(f"init must name a run's best.zip, got {config.init!r}, which is no file")
-    return replace(config, init=str(Path(config.init).resolve()))
+    require_init(config)
+    return replace(config, init=str(Path(config.init).resolve())) if config.init else config
 
 
 def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:

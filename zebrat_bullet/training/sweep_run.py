@@ -17,10 +17,10 @@ from typing import Any, Literal
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.training.logs import has_checkpoint
+from zebrat_bullet.training.logs import ERROR, has_checkpoint
 from zebrat_bullet.training.settings import TrainConfig
 
-LOCK, ERROR, OUTPUT = "lock", "error.txt", "output.txt"
+LOCK, OUTPUT = "lock", "output.txt"
 CLAIM_S = 1.0
 RECENT = 20
 
