@@ -201,8 +201,10 @@ def _variants(groups: Sequence[tuple[dict[str, Any], list[Path]]]) -> list[str]:
     by_settings = [", ".join(f"{name.rsplit('.')[-1]}={at.get(name, '-')}" for name in names) for at in flat]
     firsts = [paths[0] for _, paths in groups]
     by_prefix = [re.sub(r"[-_]?seed[-_]?\d+$", "", path.name) or path.name for path in firsts]
-    by_name = [path.name for path in firsts]
-    for variants in (by_settings, by_prefix, by_name):
+    by_name = [
+        prefix if by_prefix.count(prefix) == 1 else path.name for prefix, path in zip(by_prefix, firsts, strict=True)
+    ]
+    for variants in (by_settings, by_name):
         if len(set(variants)) == len(groups) and max(map(len, variants)) <= _LONGEST_VARIANT:
             return variants
     return [str(path) for path in firsts]
