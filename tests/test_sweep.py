@@ -221,3 +221,11 @@ def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):
     now = status(tmp_path)
     assert (now.state, now.episode, now.success, now.best) == ("waiting", 1000, 0.5, 0.75)
     assert now.steps_per_s == pytest.approx(200)
+
+
+def test_a_presets_worlds_stay_unless_others_are_named(tmp_path):
+    (kept,) = open_sweep(Sweep(preset="fast"), tmp_path / "kept").items()
+    assert kept[0].name == "ddpg-fomt-big_track+track_3-seed0"
+    assert kept[1].worlds == ("big_track", "big_track", "track_3")
+    (named,) = open_sweep(Sweep(preset="fast", worlds=("track_2",)), tmp_path / "named").values()
+    assert named.worlds == ("track_2",)

@@ -290,6 +290,19 @@ def test_a_model_to_begin_with_must_be_there_and_fit(tmp_path):
     train(replace(other, init=""), tmp_path / "second")  # what failed to begin is no run that is in the way
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"max_minutes": 0.0}, "max_minutes must be above 0, or null"),
+        ({"n_generated": -1}, "n_generated must be at least 0"),
+        ({"attempts": 2, "watchdog": WatchdogConfig(restarts=1)}, "has no use for watchdog.restarts"),
+    ],
+)
+def test_settings_that_cannot_be_meant_are_refused(change, message):
+    with pytest.raises(ConfigError, match=message):
+        replace(TINY, **change)
+
+
 def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_epsilon(learner):
     _, env = learner
     config = replace(TINY, learner=replace(TINY.learner, hold_steps=8, epsilon=0.3))
@@ -305,10 +318,13 @@ def test_held_random_actions_stay_the_same_for_several_steps_and_keep_the_share_
 
 def test_an_evaluation_that_may_not_fail_ends_with_its_first_failure(tmp_path):
     run = tmp_path / "run"
-    train(replace(TINY, episodes=4, eval_episodes=50, eval_failures=1), run)
+    watchdog = WatchdogConfig(crash_steps=60, still_m=100.0)  # names any failure of this length
+    train(replace(TINY, episodes=4, eval_episodes=50, eval_failures=1, watchdog=watchdog), run)
     (row,) = CsvLog(run / "evaluations.csv", EVALUATION_COLUMNS).rows()
     assert float(row["success"]) == 0.0 and float(row["collision"]) + float(row["fail"]) == 1.0
     assert float(row["wall_s"]) < 20.0  # 50 episodes would take longer than the run
+    findings = CsvLog(run / "watchdog.csv", WATCHDOG_COLUMNS).rows()
+    assert any(row["measured"].startswith("1 of 1 episodes") for row in findings)  # as many as were driven
 
 
 def test_of_policies_that_are_equally_good_the_longest_trained_is_kept(tmp_path):

@@ -45,7 +45,7 @@ class WatchdogConfig:
             of track_4 straight on.
         crash_steps: a collision within so many control steps (10 s) is one at once. Straight on blindly: 10 to 22, full
             lock: 5 to 7. The runs of the paper's preset that took to driving at full speed into the first bend of
-            big_track, which pays up to +100: 41 to 46; those that learned: 200 and more by a tenth of the run. Drivers
+            big_track, which pays up to +113: 40 to 46; those that learned: 200 and more by a tenth of the run. Drivers
             that failed: 39 on all of track_4 (`il`), 49 and 56 on track_6 (`dagger`, `il`); else single episodes.
         still_m: a car that was cut off and did not leave ground of this diameter in its last steps (as many as make a
             stall) stood still. To and fro for 0.8 s each: 0.48; drivers that crash at once: 1.2 on.
