@@ -11,7 +11,8 @@ from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.report.learning_runs import read_groups
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
-from zebrat_bullet.training.run import is_finished, resume, summarise, train
+from zebrat_bullet.training.run import resume, train
+from zebrat_bullet.training.run_folder import is_finished, summarise
 
 CONFIG = replace(TINY, attempts=3, episodes=6)
 

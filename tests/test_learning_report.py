@@ -22,7 +22,8 @@ from zebrat_bullet.report.learning_runs import read_groups, reward_name
 from zebrat_bullet.report.learning_stats import estimates, iqm, reward_trap, summarise_group, summarise_run
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import paper_config
-from zebrat_bullet.training.run import summarise, train
+from zebrat_bullet.training.run import train
+from zebrat_bullet.training.run_folder import summarise
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
@@ -233,6 +234,22 @@ def test_a_restarted_run_counts_all_that_it_cost(tmp_path):
     assert "seed0: unfinished, 40 of 1030 episodes; restarts after a collapse: 1" in learning_table(
         [summarise_group(group)]
     )
+
+
+def test_a_restart_that_does_worse_leaves_the_best_policy_where_it_was(tmp_path):
+    write_run(tmp_path / "seed0", [("success", 60.0)] * 30, [(20, 0.8, 1), (30, 0.0, 0)], seed=0)
+    write_run(tmp_path / "seed0" / "restart", [("collision", -50.0)] * 10, [(10, 0.5, 1)], seed=1)
+    (group,) = read_groups([tmp_path])
+    at = summarise_run(group.runs[0])
+    assert (at["best_policy"]["episode"], at["best_policy"]["success"], at["last_success"]) == (20.0, 0.8, 0.5)
+
+
+def test_a_run_of_attempts_has_no_policy_at_its_end(tmp_path):
+    judged = [(10, 1.0, 1), (20, 0.0, 0)]
+    for attempts in (1, 30):
+        write_run(tmp_path / f"{attempts}", [("success", 60.0)] * 20, judged, attempts=attempts, seed=attempts)
+    last = {at["seed"]: at["last_success"] for group in read_groups([tmp_path]) for at in summarise_group(group)["runs"]}
+    assert last == {1: 0.0, 30: None}
 
 
 def test_a_run_under_way_is_read_up_to_its_last_whole_row(trained, tmp_path):

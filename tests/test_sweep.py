@@ -13,10 +13,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
-from zebrat_bullet.training.logs import has_checkpoint
-from zebrat_bullet.training.run import is_finished
+from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
 from zebrat_bullet.training.sweep_local import run_locally
@@ -209,6 +209,15 @@ def test_a_yaml_manifest_names_a_sweep(tmp_path):
     path.write_text("algorithms: [ddpg]")
     with pytest.raises(ConfigError, match="keys of algos, rewards, worlds, seeds, preset, robot, set"):
         read_manifest(path)
+
+
+def test_the_commands_options_prevail_over_the_manifest(tmp_path):
+    manifest, out = tmp_path / "sweep.yaml", tmp_path / "sweep"
+    manifest.write_text("algos: [ppo]\nseeds: [0, 1]\n")
+    tiny = f"--manifest {manifest} --worlds track_2 --set episodes=1 eval_episodes=1 task.episode.max_steps=5 --quiet"
+    assert main(["sweep", *tiny.split(), "--out", str(out), "--seed", "3", "--seeds", "4"]) != 0 and not out.exists()
+    assert main(["sweep", *tiny.split(), "--out", str(out), "--seed", "3"]) == 0
+    assert [run.name for run in out.iterdir() if run.is_dir()] == ["ppo-fomt-track_2-seed3"]
 
 
 def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):

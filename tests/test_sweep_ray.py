@@ -11,8 +11,7 @@ import pytest
 from test_sweep import TINY, episodes, holder
 
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.logs import has_checkpoint
-from zebrat_bullet.training.run import is_finished
+from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep
 from zebrat_bullet.training.sweep_ray import _require_shared, run_on_ray

@@ -23,7 +23,8 @@ from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
-from zebrat_bullet.training.run import is_finished, resume, summarise, train
+from zebrat_bullet.training.run import resume, train
+from zebrat_bullet.training.run_folder import is_finished, summarise
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, WatchdogConfig
 

@@ -26,6 +26,7 @@ def train(arguments: argparse.Namespace) -> Result:
     """Train a policy, or resume a killed run; leave its learning curve in its folder."""
     from zebrat_bullet.report.curves import draw_learning_curve
     from zebrat_bullet.training import run
+    from zebrat_bullet.training.run_folder import evaluations, summarise
     from zebrat_bullet.training.sweep_run import claim
 
     folder = arguments.out or Path("runs") / _run_name(arguments)
@@ -48,9 +49,9 @@ def train(arguments: argparse.Namespace) -> Result:
         else:
             run.train(config, folder, on_progress)
     draw_learning_curve(folder, folder / "learning_curve.png")
-    summary = run.summarise(folder)
+    summary = summarise(folder)
     best = summary["best"]
-    curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in run.evaluations(folder))
+    curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in evaluations(folder))
     text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
     return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
 

@@ -53,8 +53,12 @@ def _sweep_of(arguments: argparse.Namespace, folder: Path) -> Any:
 
     saved = folder / MANIFEST
     manifest = arguments.manifest or (saved if saved.is_file() else None)
-    settings = read_manifest(manifest) if manifest else {"seeds": [arguments.seed]}
+    settings = read_manifest(manifest) if manifest else {}
     given = {name: getattr(arguments, name) for name in (*AXES, "preset", "robot", "set")}
+    if arguments.seed is not None:
+        if arguments.seeds is not None:
+            raise ConfigError(f"--seed {arguments.seed} and --seeds name the same; leave one out")
+        given["seeds"] = [arguments.seed]
     return sweep_of(settings | {name: value for name, value in given.items() if value is not None})
 
 
@@ -89,8 +93,7 @@ def _table(runs: Mapping[Path, Any]) -> Table:
 
 
 def _summary(run: Path) -> dict[str, Any]:
-    from zebrat_bullet.training.logs import ERROR
-    from zebrat_bullet.training.sweep_run import read_summary
+    from zebrat_bullet.training.run_folder import ERROR, read_summary
 
     return read_summary(run) or {"folder": str(run), "error": (run / ERROR).read_text().splitlines()[-1]}
 
@@ -105,12 +108,12 @@ def _line(name: str, summary: Mapping[str, Any]) -> str:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(sweep)
-    made.set_defaults(robot=None)  # then that of the manifest
+    made.set_defaults(robot=None, seed=None)  # then those of the manifest
     made.add_argument("--manifest", type=Path, metavar="YAML", help="a file with any of the settings below")
     made.add_argument("--algos", nargs="+", metavar="ALGO", help="ddpg dqn sac ppo ppo-discrete (default ddpg)")
     made.add_argument("--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg (default fomt)")
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="one training world a run (default: the preset's)")
-    made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default: --seed)")
+    made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default 0)")
     made.add_argument("--preset", help="settings to begin with (default: the paper's)")
     made.add_argument("--set", nargs="+", metavar="KEY=VALUE", help="override settings of all runs, e.g. episodes=500")
     made.add_argument("--workers", type=int, help="runs at a time here (default: as many as there are cores for)")

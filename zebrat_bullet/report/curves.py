@@ -1,6 +1,5 @@
 """The learning curve of a training run, from the tables in its folder."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from zebrat_bullet.report.learning_curves import BLOCK
+from zebrat_bullet.training.logs import read_rows
 
 
 def draw_learning_curve(folder: Path, path: Path) -> None:
@@ -17,7 +17,7 @@ def draw_learning_curve(folder: Path, path: Path) -> None:
         folder: the run folder.
         path: the picture to write.
     """
-    episodes, evaluations = _rows(folder / "episodes.csv"), _rows(folder / "evaluations.csv")
+    episodes, evaluations = read_rows(folder / "episodes.csv"), read_rows(folder / "evaluations.csv")
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     top, bottom = figure.subplots(2, 1, sharex=True)
@@ -42,8 +42,3 @@ def draw_learning_curve(folder: Path, path: Path) -> None:
         axes.legend(frameon=False)
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=120)
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))

@@ -3,7 +3,6 @@
 Settings are read as plain JSON, not as a `TrainConfig`, so that the runs of older versions stay readable.
 """
 
-import csv
 import json
 import math
 import re
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.logs import ATTEMPTS
+from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.training.run_folder import ATTEMPTS, is_finished
 
 Table = dict[str, NDArray]
 """A CSV file by column: (N,) float64 and NaN where a cell is empty, or (N,) str for outcomes."""
@@ -157,7 +157,7 @@ def _read_run(folder: Path, config: dict[str, Any], restarts: Sequence[Path]) ->
         seed=config["seed"],
         budget=budget,
         # Runs of older versions leave no summary.
-        finished=(attempts[-1] / "summary.json").is_file() or sum(len(t["episode"]) for t in episodes) >= budget,
+        finished=is_finished(attempts[-1]) or sum(len(t["episode"]) for t in episodes) >= budget,
         attempts=config.get("attempts", 1),
         restarts=len(restarts),
         episodes=_one_after_the_other(episodes, episodes),
@@ -166,10 +166,7 @@ def _read_run(folder: Path, config: dict[str, Any], restarts: Sequence[Path]) ->
 
 
 def _read_csv(path: Path, numbers: Sequence[str], texts: Sequence[str]) -> Table:
-    rows: list[dict[str, str]] = []
-    if path.is_file():
-        with path.open(newline="") as file:
-            rows = [row for row in csv.DictReader(file) if None not in row.values()]  # a row may be half written
+    rows = read_rows(path)
     try:
         table: Table = {name: np.array([float(row[name] or math.nan) for row in rows], dtype=float) for name in numbers}
         return table | {name: np.array([row[name] for row in rows], dtype=str) for name in texts}

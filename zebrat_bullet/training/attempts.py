@@ -16,7 +16,8 @@ import numpy as np
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.training.callbacks import Progress
-from zebrat_bullet.training.logs import ATTEMPTS, EPISODE_COLUMNS, ERROR, EVALUATION_COLUMNS, POLICY_FILES, CsvLog, rank
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank, read_rows
+from zebrat_bullet.training.run_folder import ATTEMPTS, ERROR, POLICY_FILES
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep_local import run_locally
 from zebrat_bullet.training.sweep_run import cores_of, status
@@ -42,7 +43,7 @@ def run_attempts(config: TrainConfig, folder: Path, on_progress: Callable[[Progr
     one = replace(config, attempts=1, max_minutes=None)
     runs = {folder / ATTEMPTS / f"{i:02}": replace(one, seed=int(seed)) for i, seed in enumerate(seeds)}
     workers = max(len(os.sched_getaffinity(0)) // cores_of(one), 1)
-    spent_s = sum(float(row["wall_s"]) for run in runs for row in _rows(run, "episodes")[-1:]) / workers
+    spent_s = sum(float(row["wall_s"]) for run in runs for row in read_rows(run / "episodes.csv")[-1:]) / workers
     ends = time.monotonic() - spent_s + (60.0 * config.max_minutes if config.max_minutes else math.inf)
 
     def show() -> None:
@@ -95,7 +96,7 @@ def _in_order(folder: Path, runs: list[Path]) -> list[tuple[str, Path, dict[str,
     for run in runs:
         offset_s = (run / "config.json").stat().st_mtime - began
         for name in TABLES:
-            found += [(offset_s + float(row["wall_s"]), name, run, row) for row in _rows(run, name)]
+            found += [(offset_s + float(row["wall_s"]), name, run, row) for row in read_rows(run / f"{name}.csv")]
     done: dict[Path, tuple[int, int]] = {}
     result = []
     for wall_s, name, run, row in sorted(found, key=lambda at: at[0]):
@@ -103,9 +104,3 @@ def _in_order(folder: Path, runs: list[Path]) -> list[tuple[str, Path, dict[str,
         episodes, steps = map(sum, zip(*done.values(), strict=True))
         result.append((name, run, row | {"episode": episodes, "total_steps": steps, "wall_s": round(wall_s, 2)}))
     return result
-
-
-def _rows(run: Path, name: str) -> list[dict[str, Any]]:
-    path = run / f"{name}.csv"
-    rows = CsvLog(path, TABLES[name]).rows() if path.is_file() else []
-    return [dict(row) for row in rows if None not in row.values()]  # of a killed attempt, one may be half written

@@ -10,21 +10,22 @@ EPISODE_COLUMNS = (
     "episode", "total_steps", "wall_s", "env", "world", "outcome", "return", "steps", "epsilon",
 )  # fmt: skip
 EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "averaged", "best")
-POLICY_FILES = ("best.safetensors", "best.zip")
-ERROR = "error.txt"
-ATTEMPTS = "attempts"
-"""Folder within that of a run of several attempts, with one for each of them."""
-
-
-def has_checkpoint(run: Path) -> bool:
-    """Return whether a run can be resumed, given its folder."""
-    return any((run / name).is_dir() for name in ("checkpoint", "checkpoint.old", ATTEMPTS))
 
 
 def rank(evaluation: Mapping[str, Any]) -> tuple[float, float, float]:
     """Return the order in which policies are better, given their evaluations: success, then collisions, then time."""
     success, collision, time_s = (evaluation[name] for name in ("success", "collision", "time_s"))
     return float(success), -float(collision), -float(time_s or math.inf)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the whole rows of a table as strings by column, none if it is not there; another may be writing to it."""
+    try:
+        with path.open(newline="") as file:
+            whole = [line for line in file if line.endswith("\n")]
+    except FileNotFoundError:
+        return []
+    return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]
 
 
 class CsvLog:
@@ -46,8 +47,7 @@ class CsvLog:
 
     def rows(self) -> list[dict[str, str]]:
         """Return every row as strings by column."""
-        with self._path.open(newline="") as file:
-            return list(csv.DictReader(file))
+        return read_rows(self._path)
 
     def cut_after(self, episode: int) -> None:
         """Drop the rows of episodes after `episode`, which a resumed run drives again."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -25,15 +24,13 @@ from zebrat_bullet.training.attempts import run_attempts
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
-from zebrat_bullet.training.logs import (
-    ATTEMPTS,
-    EPISODE_COLUMNS,
-    ERROR,
-    EVALUATION_COLUMNS,
+from zebrat_bullet.training.run_folder import (
     POLICY_FILES,
-    CsvLog,
+    RESTART,
+    SUMMARY,
     has_checkpoint,
-    rank,
+    is_finished,
+    summarise,
 )
 from zebrat_bullet.training.settings import TrainConfig, require_init
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
@@ -41,8 +38,6 @@ from zebrat_bullet.world import World, load_world
 from zebrat_bullet.world.generate import generate_track
 
 STEPS_WITHOUT_END = 10**9
-RESTART = "restart"
-"""Folder within that of a collapsed run, in which the next seed was tried."""
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
 
 
@@ -110,11 +105,6 @@ def require_run(folder: Path) -> None:
         raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
 
 
-def is_finished(folder: Path) -> bool:
-    """Return whether the folder holds a run that came to its end."""
-    return (folder / "summary.json").is_file()
-
-
 def _finish(folder: Path) -> None:
     """Write the summary, whose presence says that the run is over; keep the best policy, be it a restart's."""
     summary = summarise(folder)
@@ -123,7 +113,7 @@ def _finish(folder: Path) -> None:
             shutil.copy2(again / name, folder / name)
     part = folder / "summary.part"
     part.write_text(json.dumps(summary, indent=2))
-    part.replace(folder / "summary.json")
+    part.replace(folder / SUMMARY)
 
 
 def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
@@ -205,36 +195,3 @@ def run_versions() -> dict[str, object]:
         "python": platform.python_version(),
         "git": git.stdout.strip() or None,
     }
-
-
-def evaluations(folder: Path) -> list[dict[str, str]]:
-    """Return the rows of a run's noise-free evaluations."""
-    return CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS).rows()
-
-
-def summarise(folder: Path) -> dict[str, Any]:
-    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy.
-
-    What a restart did is added; the numbers of the best policy count within the run that it is of.
-    """
-    episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
-    judged = evaluations(folder)
-    best = [row for row in judged if row["best"] == "1"][-1]
-    summary: dict[str, Any] = {
-        "folder": str(folder),
-        "episodes": len(episodes),
-        "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
-        "wall_s": float(judged[-1]["wall_s"]),
-        "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
-    }
-    if (folder / ATTEMPTS).exists():
-        attempts = list((folder / ATTEMPTS).iterdir())
-        summary |= {"attempts": len(attempts), "failed_attempts": sum((at / ERROR).is_file() for at in attempts)}
-    if is_finished(folder / RESTART):
-        again = summarise(folder / RESTART)
-        for key in ("episodes", "total_steps", "wall_s"):
-            summary[key] += again[key]
-        if rank(again["best"]) >= rank(summary["best"]):
-            summary["best"] = again["best"]
-        summary["restarted_in"] = again["folder"]
-    return summary

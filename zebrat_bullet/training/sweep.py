@@ -11,10 +11,9 @@ import yaml
 from zebrat_bullet.config import from_json, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.training.logs import has_checkpoint
 from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config, with_task
+from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
-from zebrat_bullet.training.sweep_run import read_summary
 from zebrat_bullet.world import load_world
 
 AXES = ("algos", "rewards", "worlds", "seeds")
@@ -157,7 +156,7 @@ def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:
 
 def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
     """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
-    if read_summary(run) is None and not has_checkpoint(run):
+    if not is_finished(run) and not has_checkpoint(run):
         return
     before = from_json(TrainConfig, (run / "config.json").read_text())  # has the defaults of settings added since
     names = sorted(field.name for field in fields(TrainConfig))

@@ -12,6 +12,7 @@ from threading import Thread
 
 from zebrat_bullet.config import from_json, to_json
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep_run import (
     OUTPUT,
@@ -19,7 +20,6 @@ from zebrat_bullet.training.sweep_run import (
     cores_of,
     is_claimed,
     perform,
-    read_summary,
     record_failure,
 )
 
@@ -51,7 +51,7 @@ def run_locally(
     workers = max(len(os.sched_getaffinity(0)) // cores, 1) if workers is None else workers
     if workers < 1:
         raise ConfigError(f"a sweep takes at least 1 worker process, got {workers}")
-    queue = deque(run for run in runs if read_summary(run) is None)
+    queue = deque(run for run in runs if not is_finished(run))
     deaths: Counter[Path] = Counter()
     working: dict[Path, subprocess.Popen[str]] = {}
     try:

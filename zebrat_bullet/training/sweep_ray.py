@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep_run import LOCK, Outcome, cores_of, lock, perform, read_summary, record_failure
+from zebrat_bullet.training.sweep_run import LOCK, Outcome, cores_of, lock, perform, record_failure
 
 TICK_S = 1.0
 
@@ -51,7 +52,7 @@ def run_on_ray(
         with (folder / LOCK).open("a+") as held:
             lock(held.fileno(), fcntl.LOCK_SH)
             for run in runs:
-                if read_summary(run) is None:
+                if not is_finished(run):
                     submit(run)
             while pending:
                 ready, _ = ray.wait(list(pending), num_returns=len(pending), timeout=TICK_S)

@@ -1,7 +1,6 @@
 """One run of a sweep: claimed by one process at a time, begun or resumed, never run twice; read by any other."""
 
 import fcntl
-import json
 import os
 import shutil
 import socket
@@ -12,12 +11,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.training.logs import ERROR, has_checkpoint
+from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.training.run_folder import ERROR, has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 
 LOCK, OUTPUT = "lock", "output.txt"
@@ -59,14 +59,6 @@ def cores_of(config: TrainConfig) -> int:
     return config.threads + (config.n_envs if config.overlap else 0)
 
 
-def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Return what a run has reached, None if it is not finished."""
-    try:
-        return json.loads((folder / "summary.json").read_text())
-    except FileNotFoundError:
-        return None
-
-
 def perform(config: TrainConfig, folder: Path) -> Outcome:
     """Take a run to its end: resume it from its checkpoint, or begin it anew.
 
@@ -79,7 +71,7 @@ def perform(config: TrainConfig, folder: Path) -> Outcome:
     with claim(folder) as mine:
         if not mine:
             return Outcome.BUSY
-        if read_summary(folder) is not None:
+        if is_finished(folder):
             return Outcome.DONE
         try:
             with threadpool_limits(1):
@@ -139,8 +131,8 @@ def lock(file: int, kind: int) -> bool:
 
 def status(folder: Path) -> RunStatus:
     """Return where the run in a folder stands."""
-    best = max((float(row["success"]) for row in _last_rows(folder / "evaluations.csv")), default=None)
-    recent = _last_rows(folder / "episodes.csv")[-RECENT:]
+    best = max((float(row["success"]) for row in read_rows(folder / "evaluations.csv")), default=None)
+    recent = read_rows(folder / "episodes.csv")[-RECENT:]
     if not recent:
         return RunStatus(_state(folder), best=best)
     steps, seconds = (float(recent[-1][name]) - float(recent[0][name]) for name in ("total_steps", "wall_s"))
@@ -154,7 +146,7 @@ def status(folder: Path) -> RunStatus:
 
 
 def _state(folder: Path) -> Literal["running", "waiting", "done", "failed"]:
-    if read_summary(folder) is not None:
+    if is_finished(folder):
         return "done"
     if is_claimed(folder):
         return "running"
@@ -176,19 +168,3 @@ def _empty(folder: Path) -> None:
             shutil.rmtree(path)
         elif path.name not in (LOCK, OUTPUT):
             path.unlink()
-
-
-def _last_rows(path: Path, n_bytes: int = 16_384) -> list[dict[str, str]]:
-    """Return the last whole rows of a table that may grow meanwhile."""
-    try:
-        with path.open("rb") as file:
-            columns = file.readline().decode().strip().split(",")
-            begin = file.tell()
-            file.seek(max(begin, path.stat().st_size - n_bytes))
-            if file.tell() > begin:
-                file.readline()
-            lines = file.read().decode().splitlines(keepends=True)
-    except FileNotFoundError:
-        return []
-    rows = (line.strip().split(",") for line in lines if line.endswith("\n"))
-    return [dict(zip(columns, row, strict=True)) for row in rows if len(row) == len(columns)]
