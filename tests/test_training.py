@@ -24,7 +24,7 @@ from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
-from zebrat_bullet.training.run_folder import is_finished, summarise
+from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, WatchdogConfig
 
@@ -269,6 +269,21 @@ def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
     train(config, tmp_path / "second")  # one random episode: nothing is learned, so the networks are as they began
     second = load_file(tmp_path / "second" / "last.safetensors")
     assert all(np.array_equal(first[key], second[key]) for key in first)
+
+
+def test_fine_tuning_that_finds_nothing_better_keeps_what_it_began_with(tmp_path):
+    train(replace(TINY, episodes=1), tmp_path / "first")
+    stands, _ = load_checkpoint(tmp_path / "first" / "checkpoint", "ddpg", None)
+    for parameter in stands.actor.parameters():
+        parameter.data.zero_()  # no speed, no collision
+    stands.save(tmp_path / "stands.zip")
+    config = replace(TINY, episodes=4, init=str(tmp_path / "stands.zip"))
+    config = replace(config, learner=replace(config.learner, actor_lr=0.5, warmup_steps=1))  # full speed into a wall
+    train(config, tmp_path / "second")
+    judged = [(row["episode"], row["collision"], row["best"]) for row in evaluations(tmp_path / "second")]
+    assert judged == [("0", "0.0", "1"), ("4", "1.0", "0")]
+    kept = load_file(tmp_path / "second" / "best.safetensors")
+    assert not any(weights.any() for key, weights in kept.items() if key.endswith(("weight", "bias")))
 
 
 def test_fine_tuning_keeps_what_the_networks_were_standardised_by(tmp_path):
