@@ -248,7 +248,7 @@ def test_a_run_of_attempts_has_no_policy_at_its_end(tmp_path):
     judged = [(10, 1.0, 1), (20, 0.0, 0)]
     for attempts in (1, 30):
         write_run(tmp_path / f"{attempts}", [("success", 60.0)] * 20, judged, attempts=attempts, seed=attempts)
-    last = {at["seed"]: at["last_success"] for group in read_groups([tmp_path]) for at in summarise_group(group)["runs"]}
+    last = {run.seed: summarise_run(run)["last_success"] for group in read_groups([tmp_path]) for run in group.runs}
     assert last == {1: 0.0, 30: None}
 
 
