@@ -71,7 +71,7 @@ def _gather(folder: Path, runs: list[Path]) -> None:
     """Write the tables of all attempts as one, and keep the policy of the best."""
     logs = {name: CsvLog(folder / f"{name}.csv", columns) for name, columns in TABLES.items()}
     for log in logs.values():
-        log.cut_after(0)
+        log.cut_after(-1)  # an episode 0 is what a fine-tuning began with
     best: tuple[float, ...] = (-math.inf,)
     winner = None
     for name, run, row in _in_order(folder, runs):

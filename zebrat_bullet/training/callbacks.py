@@ -89,8 +89,8 @@ class RunCallback(BaseCallback):
         self._probes: list[list[float]] = state.get("probes", [])
         self.collapse: Finding | None = None
         self._good_enough = False
-        # What a fine-tuning begins with is kept unless something better is found.
-        self._due: set[str] = {"evaluation"} if config.init and not state else set()
+        # What a fine-tuning begins with is judged, and kept unless something no worse is found.
+        self._due: set[str] = {"evaluation", "checkpoint"} if config.init and not state else set()
         self._evaluated_at = -1
 
     def _on_training_start(self) -> None:

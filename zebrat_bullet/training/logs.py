@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,20 @@ def rank(evaluation: Mapping[str, Any]) -> tuple[float, float, float]:
     return float(success), -float(collision), -float(time_s or math.inf)
 
 
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """Return the whole rows of a table as strings by column, none if it is not there; another may be writing to it."""
+def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]:
+    """Return the whole rows of a table as strings by column, none if it is not there; another may be writing to it.
+
+    Args:
+        path: the table.
+        last_bytes: read only the rows within so many bytes of its end; None for all.
+    """
     try:
-        with path.open(newline="") as file:
-            whole = [line for line in file if line.endswith("\n")]
+        with path.open("rb") as file:
+            header = file.readline()
+            if last_bytes is not None and path.stat().st_size - last_bytes > len(header):
+                file.seek(-last_bytes, os.SEEK_END)
+                file.readline()  # begins within a row
+            whole = [line.decode() for line in (header, *file) if line.endswith(b"\n")]
     except FileNotFoundError:
         return []
     return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]

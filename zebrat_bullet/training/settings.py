@@ -159,8 +159,8 @@ class TrainConfig:
         steps: length in environment steps, None for no such limit; whichever limit comes first ends run and schedules.
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
-            best model); empty to begin anew. It is judged first, and stays the best policy unless one is found that
-            is no worse. Zips unpickle: name only files of your own.
+            best model); empty to begin anew. It is judged first (which ends the run if it reaches `stop_at`), and
+            stays the best policy unless one is found that is no worse. Zips unpickle: name only files of your own.
         attempts: the run is so many runs, of seeds drawn from its own, side by side on the cores there are; the first
             to reach `stop_at` ends it, and the best is the result. Each has the length that `episodes` and `steps`
             say, all together that of `max_minutes`.

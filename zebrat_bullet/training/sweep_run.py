@@ -23,6 +23,8 @@ from zebrat_bullet.training.settings import TrainConfig
 LOCK, OUTPUT = "lock", "output.txt"
 CLAIM_S = 1.0
 RECENT = 20
+TAIL = 16_384
+"""Bytes at the end of a table that a status is read from: it is asked every second, of every run."""
 
 
 class Outcome(IntEnum):
@@ -131,8 +133,8 @@ def lock(file: int, kind: int) -> bool:
 
 def status(folder: Path) -> RunStatus:
     """Return where the run in a folder stands."""
-    best = max((float(row["success"]) for row in read_rows(folder / "evaluations.csv")), default=None)
-    recent = read_rows(folder / "episodes.csv")[-RECENT:]
+    best = max((float(row["success"]) for row in read_rows(folder / "evaluations.csv", TAIL)), default=None)
+    recent = read_rows(folder / "episodes.csv", TAIL)[-RECENT:]
     if not recent:
         return RunStatus(_state(folder), best=best)
     steps, seconds = (float(recent[-1][name]) - float(recent[0][name]) for name in ("total_steps", "wall_s"))
