@@ -124,6 +124,12 @@ def test_settings_that_differ_name_the_group_and_those_that_change_nothing_do_no
     ]
 
 
+def test_groups_that_differ_much_and_share_their_names_are_named_by_where_they_lie():
+    names = ("algorithms", "float32", "paper-finetuning")
+    groups = read_groups([RESULTS / name / "ddpg-fomt-big_track-seed0" for name in names])
+    assert sorted(group.variant for group in groups) == [f"{name}/ddpg-fomt-big_track-seed0" for name in names]
+
+
 def test_a_reward_is_named_by_its_preset_or_by_its_weights():
     def named(task):
         return reward_name(json.loads(to_json(task)))

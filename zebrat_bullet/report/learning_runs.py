@@ -5,6 +5,7 @@ Settings are read as plain JSON, not as a `TrainConfig`, so that the runs of old
 
 import json
 import math
+import os
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -204,7 +205,8 @@ def _variants(groups: Sequence[tuple[dict[str, Any], list[Path]]]) -> list[str]:
     for variants in (by_settings, by_name):
         if len(set(variants)) == len(groups) and max(map(len, variants)) <= _LONGEST_VARIANT:
             return variants
-    return [str(path) for path in firsts]
+    shared = os.path.commonpath(firsts)
+    return [str(path.relative_to(shared)) for path in firsts]
 
 
 def _flatten(settings: dict[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
