@@ -16,6 +16,7 @@ import pytest
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.training.logs import read_rows
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
@@ -230,6 +231,14 @@ def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):
     now = status(tmp_path)
     assert (now.state, now.episode, now.success, now.best) == ("waiting", 1000, 0.5, 0.75)
     assert now.steps_per_s == pytest.approx(200)
+
+
+def test_of_a_table_that_grows_only_whole_rows_are_read_and_of_its_end_only_those_within_it(tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("episode,success\n1,0.25\n2,0.50\n3,0.60\n4,0.7")  # the last was to be 0.75
+    assert [row["success"] for row in read_rows(table)] == ["0.25", "0.50", "0.60"]
+    assert read_rows(table, last_bytes=14) == [{"episode": "3", "success": "0.60"}]
+    assert read_rows(tmp_path / "none.csv") == []
 
 
 def test_a_presets_worlds_stay_unless_others_are_named(tmp_path):
