@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "zebrat_bullet"
 ORDER = [
-    *("errors", "types", "config", "geometry", "assets", "robot", "world", "planning", "sim", "sensing", "task"),
+    *("errors", "arrays", "types", "config", "geometry", "assets", "robot", "world", "planning", "sim", "sensing", "task", "planar"),
     *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
     *("pytest_plugin", "cli"),
 ]
@@ -18,6 +18,7 @@ ALLOWED = {
     "torch": {"training", "agents"},
     "stable_baselines3": {"training", "agents"},
     "open3d": {"sensing"},
+    "warp": {"planar"},
     "gymnasium": {"envs", "training"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -56,7 +56,11 @@ class PhysicsConfig:
     @property
     def n_substeps(self) -> int:
         """Physics steps in a control step."""
-        return round(self.control_step_s * self.rate_hz)
+        return self.steps_in(self.control_step_s)
+
+    def steps_in(self, time_s: float) -> int:
+        """Return the nearest number of physics steps in a time."""
+        return round(time_s * self.rate_hz)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +109,42 @@ class NoiseConfig:
     def __post_init__(self) -> None:
         _require(self.range_sigma_m >= 0, f"range_sigma_m must be at least 0, got {self.range_sigma_m}")
         _require(0 <= self.dropout <= 1, f"dropout is a probability, got {self.dropout}")
+
+
+Range = tuple[float, float]
+"""Least and greatest value of a uniform draw."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicsConfig:
+    """How the car differs from what its URDF says, drawn anew for each episode; nothing by default.
+
+    Attributes:
+        acceleration: factor on the torque of the wheel motors.
+        steering_rate: factor on the speed of the steering hinges.
+        steering_offset_rad: added to the steering of every command.
+        speed: factor on the speed of every command.
+        delay_s: time until a command reaches the motors, at most a control step; until then the last one holds.
+    """
+
+    acceleration: Range = (1.0, 1.0)
+    steering_rate: Range = (1.0, 1.0)
+    steering_offset_rad: Range = (0.0, 0.0)
+    speed: Range = (1.0, 1.0)
+    delay_s: Range = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in vars(self).items():
+            _require(least <= most, f"dynamics.{name} must be [least, greatest], got [{least}, {most}]")
+            if name != "steering_offset_rad":
+                _require(least >= 0, f"dynamics.{name} must be at least 0, got {least}")
+        for name in ("acceleration", "steering_rate"):
+            _require(getattr(self, name)[0] > 0, f"dynamics.{name} must be above 0, got {getattr(self, name)[0]}")
+
+    @property
+    def fixed(self) -> bool:
+        """Whether every car is as its URDF says."""
+        return self == DynamicsConfig()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,10 +222,12 @@ class ObservationConfig:
     """What is observed beside V_obs.
 
     Attributes:
+        log_gaps: the logarithm of each gap, V_obs - V_range: a centimetre at the wall is lost in a range of up to 6 m.
         last_command: the last speed and steering (paper: 32 + 2 numbers).
         waypoint: distance and yaw difference to the next waypoint, for guided agents.
     """
 
+    log_gaps: bool = False
     last_command: bool = True
     waypoint: bool = False
 
@@ -198,6 +240,8 @@ class EpisodeConfig:
         max_steps: control steps until time-out.
         stall_steps, stall_distance_m: the car fails when it moved less than this distance between two checks.
         open_width_m: V_left + V_right above this is open space.
+        out_m: the car is out once its lidar is so far past the open-space line, whatever it sees: beyond the line, the
+            track's own outer wall can hide the open space.
         start: "start" (the world's start pose with its random range), "anywhere" (along the centre line), or "both",
             each in half of the episodes.
     """
@@ -206,6 +250,7 @@ class EpisodeConfig:
     stall_steps: int = 70
     stall_distance_m: float = 0.2
     open_width_m: float = 8.0
+    out_m: float = 0.6
     start: str = "start"
 
     def __post_init__(self) -> None:
@@ -222,6 +267,7 @@ class TaskConfig:
 
     robot: str = "zebrat"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     flatten: FlattenConfig = field(default_factory=FlattenConfig)
@@ -229,6 +275,10 @@ class TaskConfig:
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+
+    def __post_init__(self) -> None:
+        step, delay = self.physics.control_step_s, self.dynamics.delay_s[1]
+        _require(delay <= step, f"dynamics.delay_s may be a control step ({step} s) at most, got {delay}")
 
     @property
     def guided(self) -> bool:

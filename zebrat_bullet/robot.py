@@ -21,6 +21,7 @@ WHEEL_JOINTS = (
     "right_front_wheel_joint",
 )
 LIDAR_JOINT = "lidar_mount"
+GRAVITY_MPS2 = 9.81
 
 _ROLE_TYPES = (
     dict.fromkeys(STEERING_JOINTS, "revolute") | dict.fromkeys(WHEEL_JOINTS, "continuous") | {LIDAR_JOINT: "fixed"}
@@ -45,6 +46,11 @@ class RobotModel:
         lidar_rpy: (3,) float64, its fixed-axis orientation.
         body_top_m: height of the highest collision shape.
         knuckle_limit_rad: smallest limit of the two steering hinges.
+        rolling_mass_kg: mass of all links, and of the wheels' spin as seen by who pushes the car.
+        yaw_inertia_kgm2: moment of inertia of all links about the vertical through the rear axle's centre.
+        weight_n: of all links.
+        wheel_effort_nm: smallest torque limit of the four wheel motors.
+        hinge_speed_radps: smallest speed limit of the two steering hinges.
     """
 
     urdf_path: Path
@@ -57,6 +63,11 @@ class RobotModel:
     lidar_rpy: NDArray[np.float64]
     body_top_m: float
     knuckle_limit_rad: float
+    rolling_mass_kg: float
+    yaw_inertia_kgm2: float
+    weight_n: float
+    wheel_effort_nm: float
+    hinge_speed_radps: float
 
 
 def load_robot(name_or_path: str | Path = "zebrat") -> RobotModel:
@@ -80,17 +91,25 @@ def load_robot(name_or_path: str | Path = "zebrat") -> RobotModel:
     body_points = _body_points(path, urdf)
     mount = urdf.get_transform(urdf.joint_map[LIDAR_JOINT].child, urdf.base_link)
     limits = [urdf.joint_map[name].limit for name in STEERING_JOINTS]
+    radius = _wheel_radius(path, urdf, WHEEL_JOINTS[0])
+    mass = sum(link.inertial.mass for link in _massive(urdf))
+    spin = sum(_spin_inertia(urdf, name) for name in WHEEL_JOINTS)
     return RobotModel(
         urdf_path=path.resolve(),
         wheelbase_m=float(hinges[0, 0] - wheels[0, 0]),
         track_m=float(wheels[0, 1] - wheels[1, 1]),
-        wheel_radius_m=_wheel_radius(path, urdf, WHEEL_JOINTS[0]),
+        wheel_radius_m=radius,
         rear_axle_x_m=float(wheels[0, 0]),
         footprint_base=_convex_outline(body_points[:, :2]),
         lidar_xyz_base=mount[:3, 3].copy(),
         lidar_rpy=np.array(trimesh.transformations.euler_from_matrix(mount, "sxyz")),
         body_top_m=float(body_points[:, 2].max()),
         knuckle_limit_rad=float(min(min(limit.upper, -limit.lower) for limit in limits)),
+        rolling_mass_kg=mass + spin / radius**2,
+        yaw_inertia_kgm2=_yaw_inertia(urdf, float(wheels[0, 0])),
+        weight_n=mass * GRAVITY_MPS2,
+        wheel_effort_nm=float(min(urdf.joint_map[name].limit.effort for name in WHEEL_JOINTS)),
+        hinge_speed_radps=float(min(limit.velocity for limit in limits)),
     )
 
 
@@ -151,6 +170,29 @@ def _wheel_radius(path: Path, urdf: yourdfpy.URDF, joint_name: str) -> float:
     if not (np.allclose(np.abs(pose[:3, 2]), (0, 1, 0), atol=1e-3) and np.allclose(pose[:3, 3], 0, atol=1e-6)):
         raise RobotError(f"{path}: the cylinder of {link.name} must be centred on its axle, along y")
     return float(shapes[0].geometry.cylinder.radius)
+
+
+def _massive(urdf: yourdfpy.URDF) -> list[Link]:
+    return [link for link in urdf.link_map.values() if link.inertial is not None and link.inertial.mass]
+
+
+def _spin_inertia(urdf: yourdfpy.URDF, joint_name: str) -> float:
+    """Return the moment of inertia of a wheel about its axle (y), 0 where its link has no mass."""
+    inertial = urdf.link_map[urdf.joint_map[joint_name].child].inertial
+    return 0.0 if inertial is None else float(inertial.inertia[1, 1])
+
+
+def _yaw_inertia(urdf: yourdfpy.URDF, axle_x_m: float) -> float:
+    """Return the moment of inertia in kg m^2 of all links about the vertical through the rear axle's centre."""
+    total = 0.0
+    for link in _massive(urdf):
+        placed = urdf.get_transform(link.name, urdf.base_link)
+        if link.inertial.origin is not None:
+            placed = placed @ link.inertial.origin
+        turned = placed[:3, :3] @ link.inertial.inertia @ placed[:3, :3].T
+        x, y = placed[:2, 3]
+        total += turned[2, 2] + link.inertial.mass * ((x - axle_x_m) ** 2 + y**2)
+    return float(total)
 
 
 def _body_points(path: Path, urdf: yourdfpy.URDF) -> NDArray[np.float64]:

@@ -11,6 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zebrat_bullet.arrays import Array
+
 
 @dataclass(frozen=True, slots=True)
 class Pose2:
@@ -27,6 +29,33 @@ class Command:
 
     speed_mps: float
     steering_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """A `Command` for each of N cars: (N,) speeds in m/s and (N,) angles in rad."""
+
+    speed_mps: Array
+    steering_rad: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """How a car differs from what its URDF says.
+
+    Attributes:
+        acceleration: factor on the torque of the wheel motors.
+        steering_rate: factor on the speed of the steering hinges.
+        steering_offset_rad: added to the steering of every command.
+        speed: factor on the speed of every command.
+        delay_s: time until a command reaches the motors.
+    """
+
+    acceleration: float = 1.0
+    steering_rate: float = 1.0
+    steering_offset_rad: float = 0.0
+    speed: float = 1.0
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +133,15 @@ class Clearance:
     obs_m: NDArray[np.float32]
     range_m: NDArray[np.float32]
     collision: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Clearances:
+    """The `Clearance` of N cars with one outline: `obs_m` (N, R), `range_m` (R,), `collision` (N,)."""
+
+    obs_m: Array
+    range_m: Array
+    collision: Array
 
 
 @dataclass(frozen=True, slots=True)

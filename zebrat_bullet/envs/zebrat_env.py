@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, observation_spec
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.world import World, load_world
 
@@ -68,15 +68,7 @@ class ZebratEnv(gymnasium.Env):
             for each in self._worlds:
                 check_waypoints(each)
         self.drive = Drive(config, self._worlds[0])
-        self.spec_observation = ObservationSpec(
-            n_rays=len(self.drive.region.range_m),
-            range_max_m=config.lidar.range_max_m,
-            max_speed_mps=config.physics.max_speed_mps,
-            max_steering_rad=config.physics.max_steering_rad,
-            raw=raw,
-            last_command=config.observation.last_command,
-            waypoint=config.observation.waypoint,
-        )
+        self.spec_observation = observation_spec(config, self.drive.region, raw)
         self._discrete = discrete
         self.render_mode = render_mode
         self._renderer: Any = None

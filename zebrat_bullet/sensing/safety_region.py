@@ -10,11 +10,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zebrat_bullet.arrays import Array, like
 from zebrat_bullet.config import SafetyRegionConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings
-from zebrat_bullet.types import Clearance, FlatScan
+from zebrat_bullet.types import Clearance, Clearances, FlatScan
 
 _AXES_RAD = np.array([-math.pi, -math.pi / 2.0, 0.0, math.pi / 2.0])
 
@@ -80,7 +81,12 @@ class SafetyRegion:
                 "make both from one LidarConfig"
             )
         obs = scan.ranges_m[self.indices]
-        return Clearance(obs, self.range_m, bool((obs <= self.range_m).any()))
+        return Clearance(obs, self.range_m, bool(self.clearances(obs[None]).collision[0]))
+
+    def clearances(self, obs_m: Array) -> Clearances:
+        """Return what (N, R) ranges along the region's bearings, V_obs of N cars, say (paper, Algorithm 1)."""
+        range_m = like(self.range_m, obs_m)
+        return Clearances(obs_m, range_m, (obs_m <= range_m).any(-1))
 
     def _place(self, resolution_m: float, n_bearings: int) -> tuple[NDArray[np.float64], list[int], tuple[int, ...]]:
         """Return (R,) bearings in rad, the positions of the four axes and those of the corners among them."""

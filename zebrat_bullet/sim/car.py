@@ -68,8 +68,8 @@ class Car:
         turn = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
         self._client.resetBasePositionAndOrientation(self.body_id, com_world, turn)
 
-    def drive(self, targets: WheelTargets) -> None:
-        """Set the motors; they hold until the next call."""
+    def drive(self, targets: WheelTargets, torque: float = 1.0, hinge_speed: float = 1.0) -> None:
+        """Set the motors, with factors on the wheels' torque and on the hinges' speed; they hold until the next call."""
         for joint, angle, effort in zip(self._hinges, targets.knuckle_rad, self._efforts, strict=False):
             self._client.setJointMotorControl2(
                 self.body_id,
@@ -77,14 +77,14 @@ class Car:
                 pybullet.POSITION_CONTROL,
                 targetPosition=angle,
                 force=effort,
-                maxVelocity=self._hinge_speed,
+                maxVelocity=self._hinge_speed * hinge_speed,
             )
         self._client.setJointMotorControlArray(
             self.body_id,
             self._wheels,
             pybullet.VELOCITY_CONTROL,
             targetVelocities=targets.wheel_radps,
-            forces=self._efforts[2:],
+            forces=[torque * effort for effort in self._efforts[2:]],
         )
 
     def read(self, contact: bool, unseen_contact: bool) -> RobotState:

@@ -9,8 +9,7 @@ import pybullet
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import SimulationError
-
-GRAVITY_MPS2 = -9.81
+from zebrat_bullet.robot import GRAVITY_MPS2
 
 
 class PhysicsClient:
@@ -37,7 +36,7 @@ class PhysicsClient:
 def clear(client: PhysicsClient, physics: PhysicsConfig) -> None:
     """Remove every body of a client, and set every parameter that matters, none left to a default."""
     client.resetSimulation()
-    client.setGravity(0.0, 0.0, GRAVITY_MPS2)
+    client.setGravity(0.0, 0.0, -GRAVITY_MPS2)
     client.setPhysicsEngineParameter(
         fixedTimeStep=1.0 / physics.rate_hz,
         numSolverIterations=physics.solver_iterations,

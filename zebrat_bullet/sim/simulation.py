@@ -16,10 +16,12 @@ from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, GROUP_WHEELS, Car
 from zebrat_bullet.sim.client import PhysicsClient, clear
-from zebrat_bullet.types import Command, Pose2, RobotState
+from zebrat_bullet.types import Command, Dynamics, Pose2, RobotState
 from zebrat_bullet.world.world import Mesh, World
 
 _NO_BODY = -1
+AS_BUILT = Dynamics()
+"""The car as its URDF says."""
 Touch = tuple[Any, ...]
 """A contact point as PyBullet's getContactPoints gives it."""
 
@@ -88,16 +90,22 @@ class Simulation:
                 f"{len(world.mesh.faces)} faces; it takes 131072 and 174762, so simplify the mesh"
             ) from error
 
-    def reset(self, pose: Pose2) -> RobotState:
+    def reset(self, pose: Pose2, dynamics: Dynamics = AS_BUILT) -> RobotState:
         """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace.
+
+        Args:
+            pose: where.
+            dynamics: how the car differs from its URDF until the next reset.
 
         Raises:
             SimulationError: the pose is not finite.
         """
         if not math.isfinite(pose.x + pose.y + pose.yaw):
             raise SimulationError(f"a start pose must be finite, got {pose}")
+        self._dynamics = dynamics
+        self._n_late = self._physics.steps_in(dynamics.delay_s)
         self._car.reset(pose)
-        self._car.drive(wheel_targets(Command(0.0, 0.0), self._robot))
+        self._drive(Command(0.0, 0.0))
         return self._car.read(contact=False, unseen_contact=False)
 
     def touches(self) -> list[Touch]:
@@ -120,12 +128,23 @@ class Simulation:
         Raises:
             ActionError: the command is not finite; nothing was simulated.
         """
-        self._car.drive(wheel_targets(clip_command(command, self._physics), self._robot))
+        command = clip_command(command, self._physics)
         step_physics, contact_points = self._step_physics, pybullet.getContactPoints
         car, walls, client = self.car_id, self.walls_id, self.client_id
-        for _ in range(self._physics.n_substeps):
+        for i in range(self._physics.n_substeps + 1):
+            if i == self._n_late:
+                self._drive(command)
+            if i == self._physics.n_substeps:
+                return
             step_physics()
             yield [] if walls == _NO_BODY else contact_points(car, walls, physicsClientId=client)
+
+    def _drive(self, command: Command) -> None:
+        """Set the motors to what the car makes of a command."""
+        dynamics, most = self._dynamics, self._physics.max_steering_rad
+        steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
+        targets = wheel_targets(Command(command.speed_mps * dynamics.speed, steering), self._robot)
+        self._car.drive(targets, dynamics.acceleration, dynamics.steering_rate)
 
     def read(self, touches: list[Touch]) -> RobotState:
         """Return the state now; `touches` are those since the control step began.

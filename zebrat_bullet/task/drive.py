@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.robot import load_robot
@@ -10,10 +11,11 @@ from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
-from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, start_pose
-from zebrat_bullet.task.rewards import RewardInput, check_weights, weighted_terms
+from zebrat_bullet.task.dynamics import draw_one
+from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, open_lines, start_pose
+from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
-from zebrat_bullet.types import Command, Pose2, Reading, RobotState
+from zebrat_bullet.types import Command, Commands, Pose2, Reading, RobotState
 from zebrat_bullet.world import World
 
 
@@ -56,7 +58,7 @@ class Drive:
         self.sim = Simulation(self.robot, config.physics)
         self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id)
         self.region = make_region(self.robot, config.region, config.lidar.n_bearings)
-        self._rules = EpisodeRules(config.episode, self.robot)
+        self._rules = EpisodeRules(config.episode, self.robot, np.zeros((1, 3)))
         self.state: RobotState
 
     def reset(
@@ -81,9 +83,11 @@ class Drive:
         self.world = world or self.world
         self.sim.set_world(self.world)
         self.lidar.set_world(self.world)
-        (self._noise_rng,) = rng.spawn(1)
-        self.state = self.sim.reset(pose or self._draw_pose(rng))
-        self._rules.begin(self.world, self.state)
+        self._noise_rng, dynamics_rng = rng.spawn(2)
+        dynamics = draw_one(self.config.dynamics, dynamics_rng)
+        self.state = self.sim.reset(pose or self._draw_pose(rng), dynamics)
+        max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
+        self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps)
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
         self._n_steps = 0
         return self._read(Command(0.0, 0.0))
@@ -99,10 +103,8 @@ class Drive:
         self._n_steps += 1
         nearer_m = self._guide.step(self.state.pose) if self._guide else 0.0
         reading = self._read(command)
-        outcome = self._rules.judge(self.state, reading.scan, reading.clearance)
-        step = RewardInput(reading.clearance, self.region, self.state.speed_mps, command, self.config.reward, nearer_m)
-        terms = weighted_terms(step)
-        return DriveStep(reading, self._reward(terms, outcome), terms, outcome)
+        code, terms, reward = self._judge(command, reading, nearer_m)
+        return DriveStep(reading, reward, terms, Outcome.of(code))
 
     def close(self) -> None:
         """Release the physics server; a second call does nothing."""
@@ -121,9 +123,19 @@ class Drive:
         waypoint = self._guide.waypoint(self.state.pose) if self._guide else None
         return Reading(scan, clearance, command, self.state.speed_mps, time_s, waypoint=waypoint)
 
-    def _reward(self, terms: dict[str, float], outcome: Outcome | None) -> float:
-        if outcome is Outcome.COLLISION:
-            return self.config.reward.collision
-        if outcome in (Outcome.SUCCESS, Outcome.FALSE_EXIT):
-            return self.config.reward.success
-        return sum(terms.values())
+    def _judge(self, command: Command, reading: Reading, nearer_m: float) -> tuple[int, dict[str, float], float]:
+        """Return code of the outcome, terms and reward: the rules of many cars, for one."""
+        clearance = self.region.clearances(reading.clearance.obs_m[None])
+        scan = reading.scan.ranges_m
+        open_width = scan[None, len(scan) // 4] + scan[None, 3 * len(scan) // 4]
+        outcome = self._rules.judge(self._poses(), np.array([self.state.contact]), clearance.collision, open_width)
+        commands = Commands(np.array([command.speed_mps]), np.array([command.steering_rad]))
+        speed, nearer = np.array([self.state.speed_mps]), np.array([nearer_m])
+        step = RewardInput(clearance, self.region, speed, commands, self.config.reward, nearer)
+        terms = weighted_terms(step)
+        reward = rewards(terms, outcome, self.config.reward)
+        return int(outcome[0]), {name: float(term[0]) for name, term in terms.items()}, float(reward[0])
+
+    def _poses(self) -> NDArray[np.float64]:
+        pose = self.state.pose
+        return np.array([[pose.x, pose.y, pose.yaw]])

@@ -1,20 +1,27 @@
 """Where an episode begins, and when and how it ends (success, false exit, collision, time-out, stall)."""
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
+from zebrat_bullet.arrays import Array, device, namespace
 from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import WorldError
-from zebrat_bullet.geometry import rotation_2d, to_world
+from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.robot import RobotModel
-from zebrat_bullet.types import Clearance, FlatScan, Pose2, RobotState
+from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World
 
 ANYWHERE_MARGIN_M = 0.03
 ANYWHERE_TRIES = 200
+LINE_MARGIN_M = 0.1
+"""A lidar that crosses the open-space line may pass its ends by so much: it moves up to 0.12 m in a control step."""
+GOES_ON = 0
+"""Code of an episode that is not over."""
 
 
 class Outcome(StrEnum):
@@ -31,6 +38,19 @@ class Outcome(StrEnum):
         """Whether the task itself ended, rather than being cut off (gymnasium's terminated against truncated)."""
         return self not in (Outcome.TIMEOUT, Outcome.STALL)
 
+    @property
+    def code(self) -> int:
+        """The number, from 1 on, that stands for it in arrays of cars."""
+        return OUTCOMES.index(self) + 1
+
+    @staticmethod
+    def of(code: int) -> "Outcome | None":
+        """Return the outcome of a code, None while the episode goes on."""
+        return OUTCOMES[code - 1] if code else None
+
+
+OUTCOMES = tuple(Outcome)
+
 
 def start_pose(world: World, rng: np.random.Generator) -> Pose2:
     """Draw a pose from the world's start range, uniform in the start pose's own frame."""
@@ -41,8 +61,8 @@ def start_pose(world: World, rng: np.random.Generator) -> Pose2:
     return Pose2(start.pose.x + x, start.pose.y + y, start.pose.yaw + dyaw)
 
 
-def anywhere_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> Pose2:
-    """Draw a free pose along the centre line before the exit, heading along the path within 0.5 rad.
+def anywhere_poses(world: World, robot: RobotModel, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """Draw (n, 3) free poses (x, y in m, yaw in rad) along the centre line before the exit, within 0.5 rad of the path.
 
     Raises:
         WorldError: the world has no centre line, or no free pose was found on it.
@@ -50,54 +70,129 @@ def anywhere_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> 
     line = world.centre_line
     if len(line) < 2:
         raise WorldError(f"world {world.name!r} has no centre line, so start='anywhere' cannot be used; use 'start'")
-    before_exit = [i for i in range(len(line) - 1) if not world.past_open_line(*line[i + 1])]
+    inside = np.flatnonzero(shapely.intersects_xy(world.free_space, *line[1:].T))
+    if not len(inside):
+        raise WorldError(f"world {world.name!r}: its centre line never enters the free space; use start='start'")
     outline = shapely.Polygon(robot.footprint_base).buffer(ANYWHERE_MARGIN_M, join_style="mitre")
     corners = np.asarray(outline.exterior.coords)
+    shapely.prepare(world.walls)
+    found: list[NDArray[np.float64]] = []
     for _ in range(ANYWHERE_TRIES):
-        i = before_exit[rng.integers(len(before_exit))]
-        heading = math.atan2(*(line[i + 1] - line[i])[::-1])
-        side = rng.uniform(-0.3, 0.3) * max(world.widths_m[i] - 0.6, 0.0)
-        x, y = line[i] + side * np.array([-math.sin(heading), math.cos(heading)])
-        pose = Pose2(float(x), float(y), heading + rng.uniform(-0.5, 0.5))
-        if not shapely.intersects(world.walls, shapely.Polygon(to_world(corners, pose))):
-            return pose
-    raise WorldError(f"world {world.name!r}: no free pose along the centre line in {ANYWHERE_TRIES} tries")
+        i = inside[rng.integers(len(inside), size=n)]
+        heading = np.arctan2(*(line[i + 1] - line[i]).T[::-1])
+        side = rng.uniform(-0.3, 0.3, n) * np.maximum(world.widths_m[i] - 0.6, 0.0)
+        x, y = line[i].T + side * np.stack([-np.sin(heading), np.cos(heading)])
+        poses = np.stack([x, y, heading + rng.uniform(-0.5, 0.5, n)], axis=1)
+        free = ~shapely.intersects(shapely.polygons(_placed(corners, poses)), world.walls)
+        found.append(poses[free])
+        if sum(map(len, found)) >= n:
+            return np.concatenate(found)[:n]
+    raise WorldError(f"world {world.name!r}: no free poses along the centre line in {ANYWHERE_TRIES} tries")
+
+
+def anywhere_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> Pose2:
+    """Draw one such pose."""
+    ((x, y, yaw),) = anywhere_poses(world, robot, rng, 1).tolist()
+    return Pose2(x, y, yaw)
+
+
+def _placed(corners: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n, K, 2) outlines in m of (K, 2) corners, base frame, at (n, 3) poses."""
+    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x, y = corners.T
+    return np.stack([poses[:, 0, None] + c * x - s * y, poses[:, 1, None] + s * x + c * y], axis=-1)
 
 
 class EpisodeRules:
-    """Watches one episode and says when it is over."""
+    """Watches the episodes of N cars and says when each is over.
 
-    def __init__(self, config: EpisodeConfig, robot: RobotModel) -> None:
+    A car is out once its lidar has crossed the open-space line, between its ends, from within; until it comes back.
+
+    Args:
+        config: the rules.
+        robot: where its lidar is.
+        poses: (N, 3) x, y in m and yaw in rad, whose library and device do the arithmetic; the cars begin there.
+    """
+
+    def __init__(self, config: EpisodeConfig, robot: RobotModel, poses: Array) -> None:
         self._config = config
-        self._lidar_xy = robot.lidar_xyz_base[:2]
+        self._lidar_xy = tuple(map(float, robot.lidar_xyz_base[:2]))
+        xp = self._xp = namespace(poses)
+        n, alike = len(poses), {"dtype": poses.dtype, "device": device(poses)}
+        self._line = xp.full((n, 2, 2), math.nan, **alike)
+        self._max_steps = xp.full((n,), config.max_steps, dtype=xp.int32, device=device(poses))
+        self._step = xp.zeros((n,), dtype=xp.int32, device=device(poses))
+        self._out = xp.zeros((n,), dtype=xp.bool, device=device(poses))
+        self._checked = xp.zeros((n, 2), **alike)
+        self._past = xp.zeros((n,), **alike)
 
-    def begin(self, world: World, state: RobotState) -> None:
-        """Start to watch an episode in `world` from `state`."""
-        self._world = world
-        self._max_steps = world.max_steps or self._config.max_steps
-        self._step = 0
-        self._checked = state.pose
+    def begin(self, cars: Array, poses: Array, open_lines: Array, max_steps: Array) -> None:
+        """Begin an episode of some cars.
 
-    def judge(self, state: RobotState, scan: FlatScan, clearance: Clearance) -> Outcome | None:
-        """Return the outcome after a control step, None while the episode goes on; collision before open space."""
+        Args:
+            cars: (K,) which of the N cars.
+            poses: (K, 3), where they begin.
+            open_lines: (K, 2, 2) m, the open-space lines of their worlds in the frame of the poses, the way out to the
+                right from first end to second; nan where a world has none.
+            max_steps: (K,) their time-outs in control steps.
+        """
+        self._line[cars], self._max_steps[cars] = open_lines, max_steps
+        self._step[cars], self._out[cars] = 0, False
+        self._checked[cars] = poses[:, :2]
+        self._past[cars] = self._beyond(poses, open_lines)[0]
+
+    def judge(self, poses: Array, contact: Array, collision: Array, open_width_m: Array) -> Array:
+        """Return the (N,) int8 codes of the outcomes after a control step; collision comes before open space.
+
+        Args:
+            poses: (N, 3).
+            contact: (N,) whether the body touched a wall.
+            collision: (N,) whether the safety region reports one.
+            open_width_m: (N,) V_left + V_right: all that the car itself can know of the exit.
+        """
+        xp, config = self._xp, self._config
         self._step += 1
-        if clearance.collision or state.contact:
-            return Outcome.COLLISION
-        if self.sees_open_space(scan):
-            x, y = to_world(self._lidar_xy, state.pose)
-            return Outcome.SUCCESS if self._world.past_open_line(x, y) else Outcome.FALSE_EXIT
-        if self._stalled(state.pose):
-            return Outcome.STALL
-        return Outcome.TIMEOUT if self._step >= self._max_steps else None
+        past = self._follow(poses)
+        checks = self._step % config.stall_steps == 0
+        moved = xp.hypot(poses[:, 0] - self._checked[:, 0], poses[:, 1] - self._checked[:, 1])
+        self._checked[...] = xp.where(checks[:, None], poses[:, :2], self._checked)
+        code = xp.zeros(contact.shape, dtype=xp.int8, device=device(contact))
+        code = xp.where(self._step >= self._max_steps, xp.full_like(code, Outcome.TIMEOUT.code), code)
+        code = xp.where(checks & (moved < config.stall_distance_m), xp.full_like(code, Outcome.STALL.code), code)
+        sees_open = open_width_m > config.open_width_m
+        code = xp.where(sees_open, xp.full_like(code, Outcome.FALSE_EXIT.code), code)
+        is_out = self._out & (sees_open | (past >= config.out_m))
+        code = xp.where(is_out, xp.full_like(code, Outcome.SUCCESS.code), code)
+        return xp.where(contact | collision, xp.full_like(code, Outcome.COLLISION.code), code)
 
-    def sees_open_space(self, scan: FlatScan) -> bool:
-        """Return whether V_left + V_right exceeds the open width: all that the car itself can know of the exit."""
-        n = len(scan.ranges_m)
-        return bool(scan.ranges_m[n // 4] + scan.ranges_m[3 * n // 4] > self._config.open_width_m)
+    def state(self) -> dict[str, Array]:
+        """Return the arrays that say where every episode stands, by name; not copies."""
+        return {
+            **{"line": self._line, "max_steps": self._max_steps, "step": self._step},
+            **{"out": self._out, "checked": self._checked, "past": self._past},
+        }
 
-    def _stalled(self, pose: Pose2) -> bool:
-        if self._step % self._config.stall_steps:
-            return False
-        moved = math.hypot(pose.x - self._checked.x, pose.y - self._checked.y)
-        self._checked = pose
-        return moved < self._config.stall_distance_m
+    def _follow(self, poses: Array) -> Array:
+        """Note which cars have crossed their line, and return how far past it, in m, each lidar is."""
+        past, between = self._beyond(poses, self._line)
+        crossed = (past > 0) != (self._past > 0)
+        self._out[...] = self._xp.where(crossed & between, past > 0, self._out)
+        self._past[...] = past
+        return past
+
+    def _beyond(self, poses: Array, lines: Array) -> tuple[Array, Array]:
+        """Return the distance in m of the lidars past their lines, and whether they are abreast of them."""
+        xp = self._xp
+        c, s, (x, y) = xp.cos(poses[:, 2]), xp.sin(poses[:, 2]), self._lidar_xy
+        from_end = xp.stack([poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y], axis=-1) - lines[:, 0]
+        along = lines[:, 1] - lines[:, 0]
+        length = xp.hypot(along[:, 0], along[:, 1])
+        past = (along[:, 1] * from_end[:, 0] - along[:, 0] * from_end[:, 1]) / length
+        at = (along[:, 0] * from_end[:, 0] + along[:, 1] * from_end[:, 1]) / length
+        return past, (at > -LINE_MARGIN_M) & (at < length + LINE_MARGIN_M)
+
+
+def open_lines(worlds: Sequence[World]) -> NDArray[np.float64]:
+    """Return the (W, 2, 2) open-space lines of worlds, world frame, nan where there is none."""
+    none = np.full((2, 2), np.nan)
+    return np.stack([none if world.open_line is None else world.open_line for world in worlds])

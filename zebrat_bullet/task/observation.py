@@ -1,31 +1,43 @@
-"""The only encoder of observations and decoder of actions; needs numpy alone, so the real car uses it too."""
+"""The only encoder of observations and decoder of actions, for one car or thousands; needs no simulator.
 
+So the real car uses it too.
+"""
+
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zebrat_bullet.arrays import Array, like, namespace
+from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
-from zebrat_bullet.types import Command, Reading
+from zebrat_bullet.sensing.safety_region import SafetyRegion
+from zebrat_bullet.types import Command, Commands, Reading
 
 DISCRETE_COMMANDS = tuple((speed, steering) for speed in (-1.0, 1.0) for steering in (-1.0, 0.0, 1.0))
 """The six discrete actions as fractions of the speed and steering limits (paper: {-0.6, 0.6} x {-0.6, 0, 0.6})."""
+LEAST_GAP_M = 0.003
+"""Smaller gaps are observed as this one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationSpec:
-    """The observation: V_obs in each bearing, then the last command, then the next waypoint.
+    """The observation: V_obs in each bearing, the logarithms of the gaps, the last command, the next waypoint.
 
     The paper's is 32 + 2 numbers, the default; under waypoint guidance 32 + 2 + 2, or 32 + 2 without the last command.
     Numbers are scaled to [-1, 1]: ranges and the waypoint's distance, cut off at the lidar's reach, linearly from 0 to
-    that reach; the command by its limits; the waypoint's bearing by pi.
+    that reach; logarithms linearly from that of `LEAST_GAP_M` to that of the reach; the command by its limits; the
+    waypoint's bearing by pi.
 
     Attributes:
         n_rays: bearings of the safety region.
         range_max_m: the lidar's reach.
         max_speed_mps, max_steering_rad: limits of a command.
-        raw: True for SI values (m, m/s, rad) as in the paper, False for the same scaled to [-1, 1].
+        raw: True for SI values (m, log10 of m, m/s, rad) as in the paper, False for the same scaled to [-1, 1].
+        gap_ranges_m: V_range of each bearing, where log10(V_obs - V_range) is part of the observation; else empty.
         last_command: the last speed and steering are part of it.
         waypoint: distance and bearing of the next waypoint are part of it.
     """
@@ -35,13 +47,18 @@ class ObservationSpec:
     max_speed_mps: float
     max_steering_rad: float
     raw: bool = False
+    gap_ranges_m: tuple[float, ...] = ()
     last_command: bool = True
     waypoint: bool = False
+
+    def __post_init__(self) -> None:
+        if len(self.gap_ranges_m) not in (0, self.n_rays):
+            raise ConfigError(f"gap_ranges_m must hold none or {self.n_rays} ranges, got {len(self.gap_ranges_m)}")
 
     @property
     def size(self) -> int:
         """Numbers in an observation."""
-        return self.n_rays + 2 * self.last_command + 2 * self.waypoint
+        return self.n_rays + len(self.gap_ranges_m) + 2 * self.last_command + 2 * self.waypoint
 
     @property
     def limits(self) -> NDArray[np.float32]:
@@ -51,14 +68,20 @@ class ObservationSpec:
     @property
     def bounds(self) -> NDArray[np.float32]:
         """Return the (2, size) least and greatest observation."""
-        reach, (speed, steering) = self.range_max_m, self.limits
+        si = self._raw_bounds().astype(np.float32)
+        return si if self.raw else np.stack([np.full_like(si[0], -1.0), np.ones_like(si[0])])
+
+    def _raw_bounds(self) -> NDArray[np.float64]:
+        """Return the (2, size) least and greatest SI values of an observation."""
+        reach, speed, steering = self.range_max_m, self.max_speed_mps, self.max_steering_rad
         least, most = [0.0] * self.n_rays, [reach] * self.n_rays
+        least += [math.log10(LEAST_GAP_M)] * len(self.gap_ranges_m)
+        most += [math.log10(reach)] * len(self.gap_ranges_m)
         if self.last_command:
             least, most = [*least, -speed, -steering], [*most, speed, steering]
         if self.waypoint:
             least, most = [*least, 0.0, -np.pi], [*most, reach, np.pi]
-        si = np.array([least, most], dtype=np.float32)
-        return si if self.raw else np.stack([np.full_like(si[0], -1.0), np.ones_like(si[0])])
+        return np.array([least, most])
 
     def encode(self, reading: Reading) -> NDArray[np.float32]:
         """Return the (size,) float32 observation of a reading.
@@ -66,30 +89,50 @@ class ObservationSpec:
         Raises:
             ConfigError: the waypoint is part of it and the reading names none.
         """
-        n = self.n_rays
-        observation = np.empty(self.size, dtype=np.float32)
-        observation[:n] = reading.clearance.obs_m
-        if not self.raw:
-            observation[:n] *= 2.0 / self.range_max_m
-            observation[:n] -= 1.0
-        if self.last_command:
-            command = reading.last_command
-            observation[n : n + 2] = command.speed_mps, command.steering_rad
-            if not self.raw:
-                observation[n : n + 2] /= self.limits
-        if self.waypoint:
-            observation[-2:] = self._waypoint(reading)
-        return observation
+        command = np.array([[reading.last_command.speed_mps, reading.last_command.steering_rad]], dtype=np.float32)
+        waypoint = None
+        if self.waypoint and reading.waypoint is not None:
+            waypoint = np.array([[reading.waypoint.distance_m, reading.waypoint.bearing_rad]], dtype=np.float32)
+        encoded: NDArray[np.float32] = self.encode_cars(reading.clearance.obs_m[None], command, waypoint)[0]
+        return encoded
 
-    def _waypoint(self, reading: Reading) -> tuple[float, float]:
-        if reading.waypoint is None:
-            raise ConfigError(
-                "the observation holds the next waypoint and the reading names none; declare the privilege 'waypoint'"
-            )
-        distance_m = min(reading.waypoint.distance_m, self.range_max_m)
+    def encode_cars(self, obs_m: Array, last_command: Array, waypoint: Array | None = None) -> Array:
+        """Return the (N, size) float32 observations of N cars.
+
+        Args:
+            obs_m: (N, n_rays) float32, V_obs in m.
+            last_command: (N, 2) float32, m/s and rad.
+            waypoint: (N, 2) float32, distance in m and bearing in rad of each car's next waypoint.
+
+        Raises:
+            ConfigError: the waypoint is part of it and there is none.
+        """
+        xp = namespace(obs_m)
+        parts = [obs_m]
+        if self.gap_ranges_m:
+            gaps = obs_m - like(np.array(self.gap_ranges_m), obs_m)
+            parts.append(xp.log(xp.clip(gaps, LEAST_GAP_M, None)) * (1.0 / math.log(10.0)))
+        if self.last_command:
+            parts.append(last_command)
+        if self.waypoint:
+            if waypoint is None:
+                raise ConfigError(
+                    "the observation holds the next waypoint and the reading names none; declare the privilege "
+                    "'waypoint'"
+                )
+            parts += [xp.clip(waypoint[:, :1], None, self.range_max_m), waypoint[:, 1:]]
+        joined = xp.concat(parts, axis=1)
         if self.raw:
-            return distance_m, reading.waypoint.bearing_rad
-        return 2.0 * distance_m / self.range_max_m - 1.0, reading.waypoint.bearing_rad / np.pi
+            return joined
+        scale, shift = (like(values, joined) for values in self._scaling)
+        return joined * scale + shift
+
+    @cached_property
+    def _scaling(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (size,) factors and (size,) summands that turn SI values into [-1, 1]."""
+        least, most = self._raw_bounds()
+        scale = 2.0 / (most - least)
+        return scale, -1.0 - least * scale
 
     def decode(self, action: NDArray[np.float32] | Sequence[float]) -> Command:
         """Turn a (2,) action, in [-1, 1] (or SI where raw), into a command; beyond the limits it is clipped.
@@ -100,10 +143,17 @@ class ObservationSpec:
         values = np.asarray(action, dtype=np.float64)
         if values.shape != (2,) or not np.isfinite(values).all():
             raise ActionError(f"an action is two finite numbers (speed, steering), got {action!r}")
-        limits = self.max_speed_mps, self.max_steering_rad
-        scaled = values.tolist() if self.raw else [values[0] * limits[0], values[1] * limits[1]]
-        speed, steering = (max(-limit, min(limit, float(value))) for value, limit in zip(scaled, limits, strict=True))
-        return Command(speed, steering)
+        command = self.decode_cars(values[None])
+        return Command(float(command.speed_mps[0]), float(command.steering_rad[0]))
+
+    def decode_cars(self, actions: Array) -> Commands:
+        """Turn (N, 2) finite actions, in [-1, 1] (or SI where raw), into commands; beyond the limits they are clipped."""
+        xp = namespace(actions)
+        speed, steering = self.max_speed_mps, self.max_steering_rad
+        by_speed, by_steering = (1.0, 1.0) if self.raw else (speed, steering)
+        return Commands(
+            xp.clip(actions[:, 0] * by_speed, -speed, speed), xp.clip(actions[:, 1] * by_steering, -steering, steering)
+        )
 
     def decode_discrete(self, action: int) -> Command:
         """Turn an index into DISCRETE_COMMANDS into a command.
@@ -123,3 +173,17 @@ class ObservationSpec:
         pairs = observation[..., self.n_rays :]
         signs = np.resize(np.array([1.0, -1.0], dtype=observation.dtype), pairs.shape[-1])
         return np.concatenate([rays, pairs * signs], axis=-1)
+
+
+def observation_spec(task: TaskConfig, region: SafetyRegion, raw: bool = False) -> ObservationSpec:
+    """Return what a task observes with the bearings of a region."""
+    return ObservationSpec(
+        n_rays=len(region.range_m),
+        range_max_m=task.lidar.range_max_m,
+        max_speed_mps=task.physics.max_speed_mps,
+        max_steering_rad=task.physics.max_steering_rad,
+        raw=raw,
+        gap_ranges_m=tuple(region.range_m.tolist()) if task.observation.log_gaps else (),
+        last_command=task.observation.last_command,
+        waypoint=task.observation.waypoint,
+    )

@@ -1,19 +1,22 @@
 """The reward, a pure function a term (paper, eq. 3-9). To add a term: write one function and name it in TERMS.
 
-Which terms count, and how much, is `RewardConfig.weights`; every term, weighted, appears in the environment's `info`.
+Every term is computed for N cars at once, in the planar simulation for thousands, in PyBullet for one. Which terms
+count, and how much, is `RewardConfig.weights`; every term, weighted, appears in the environment's `info`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zebrat_bullet.arrays import Array, like, namespace
 from zebrat_bullet.config import RewardConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.sensing.safety_region import SafetyRegion
-from zebrat_bullet.types import Clearance, Command
+from zebrat_bullet.task.episode import Outcome
+from zebrat_bullet.types import Clearances, Commands
 
 N_FORWARD_RAYS = 6
 N_OBSTACLE_RAYS = 13
@@ -23,17 +26,23 @@ MIN_GAP_M = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RewardInput:
-    """What a term may look at: the step's clearance, the region's named bearings, measured speed and the command.
+    """What a term may look at: the clearances of N cars, the region's named bearings, measured speeds and commands.
 
-    `nearer_m` is by how much the step brought the car nearer to the waypoint that was next; 0 in an unguided task.
+    Attributes:
+        clearance: V_obs (N, R) and V_range (R,).
+        region: whose bearings these are.
+        speed_mps: (N,) measured forward speed.
+        command: what was asked of the cars in this step.
+        config: weights and settings.
+        nearer_m: (N,), by how much the step brought each car nearer to the waypoint that was next; 0 where unguided.
     """
 
-    clearance: Clearance
+    clearance: Clearances
     region: SafetyRegion
-    speed_mps: float
-    command: Command
+    speed_mps: Array
+    command: Commands
     config: RewardConfig
-    nearer_m: float = 0.0
+    nearer_m: Array
 
 
 @lru_cache
@@ -52,44 +61,55 @@ def _n_to_the_back(right: int, left: int, n_rays: int) -> int:
     return min(right, n_rays - left) + 1
 
 
-def forward_term(step: RewardInput) -> float:
+@lru_cache
+def _forward_weights(front: int, n_rays: int, discount: float) -> NDArray[np.float64]:
+    """Return (R,) how often, discounted, each ray counts in F; straight ahead counts twice."""
+    n = min(N_FORWARD_RAYS, _n_to_the_back(front, front, n_rays))
+    weights = np.zeros(n_rays)
+    for step in (1, -1):
+        np.add.at(weights, _rays(front, step, n, n_rays), _discounts(n, discount))
+    return weights
+
+
+def forward_term(step: RewardInput) -> Array:
     """F: forward speed times the free ranges ahead (eq. 4); v is measured, so pushing a wall earns nothing."""
-    obs, front = step.clearance.obs_m, step.region.front
-    n = min(N_FORWARD_RAYS, _n_to_the_back(front, front, len(obs)))
-    ahead = obs[_rays(front, 1, n, len(obs))] + obs[_rays(front, -1, n, len(obs))]
-    return float(step.speed_mps * (_discounts(n, step.config.discount) @ ahead))
+    obs = step.clearance.obs_m
+    return step.speed_mps * (obs @ like(_forward_weights(step.region.front, obs.shape[1], step.config.discount), obs))
 
 
-def obstacle_term(step: RewardInput) -> float:
+def obstacle_term(step: RewardInput) -> Array:
     """O: logarithm of the 13 smallest gaps between outline and obstacles, the smallest weighted most (eq. 5)."""
-    gaps = np.sort(step.clearance.obs_m - step.clearance.range_m)[:N_OBSTACLE_RAYS]
-    logs = np.log(np.maximum(gaps, MIN_GAP_M)) / np.log(step.config.log_base)
-    return float(_discounts(len(logs), step.config.discount) @ logs)
+    obs = step.clearance.obs_m
+    xp = namespace(obs)
+    gaps = xp.sort(obs - step.clearance.range_m, axis=-1)[:, :N_OBSTACLE_RAYS]
+    logs = xp.log(xp.clip(gaps, MIN_GAP_M, None)) / float(np.log(step.config.log_base))
+    return logs @ like(_discounts(logs.shape[1], step.config.discount), obs)
 
 
-def middle_term(step: RewardInput) -> float:
+def middle_term(step: RewardInput) -> Array:
     """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6).
 
     It keeps the lidar in the middle: where that is mounted off the centre line, the car drives off the middle as far.
     """
-    obs = step.clearance.obs_m
-    n = min(N_MIDDLE_RAYS, _n_to_the_back(step.region.right, step.region.left, len(obs)))
-    right = obs[_rays(step.region.right, -1, n, len(obs))]
-    left = obs[_rays(step.region.left, 1, n, len(obs))]
-    return float(-_discounts(n, step.config.discount) @ np.abs(right - left))
+    obs, region = step.clearance.obs_m, step.region
+    xp, n_rays = namespace(obs), obs.shape[1]
+    n = min(N_MIDDLE_RAYS, _n_to_the_back(region.right, region.left, n_rays))
+    right = xp.take(obs, like(_rays(region.right, -1, n, n_rays), obs), axis=1)
+    left = xp.take(obs, like(_rays(region.left, 1, n, n_rays), obs), axis=1)
+    return -(xp.abs(right - left) @ like(_discounts(n, step.config.discount), obs))
 
 
-def time_term(step: RewardInput) -> float:
+def time_term(step: RewardInput) -> Array:
     """T: minus one for every step (eq. 7)."""
-    return -1.0
+    return namespace(step.speed_mps).ones_like(step.speed_mps) * -1.0
 
 
-def waypoint_term(step: RewardInput) -> float:
+def waypoint_term(step: RewardInput) -> Array:
     """W: how much nearer the car came to the next waypoint, in m, both distances to the same one (eq. 9)."""
     return step.nearer_m
 
 
-TERMS: dict[str, Callable[[RewardInput], float]] = {
+TERMS: dict[str, Callable[[RewardInput], Array]] = {
     "F": forward_term,
     "O": obstacle_term,
     "M": middle_term,
@@ -109,7 +129,22 @@ def check_weights(config: RewardConfig) -> None:
         raise ConfigError(f"unknown reward term {unknown[0]!r}; valid terms are: {', '.join(TERMS)}")
 
 
-def weighted_terms(step: RewardInput) -> dict[str, float]:
-    """Return each weighted term of this step by name; a term that is switched off is 0."""
-    weights = step.config.weights
-    return {name: weights[name] * term(step) if weights.get(name) else 0.0 for name, term in TERMS.items()}
+def weighted_terms(step: RewardInput) -> dict[str, Array]:
+    """Return each weighted term of this step, (N,), by name; a term that is switched off is 0."""
+    weights, none = step.config.weights, namespace(step.speed_mps).zeros_like(step.speed_mps)
+    return {name: weights[name] * term(step) if weights.get(name) else none for name, term in TERMS.items()}
+
+
+def rewards(terms: Mapping[str, Array], outcome: Array, config: RewardConfig) -> Array:
+    """Return the (N,) rewards of a step (eq. 3): the sum of the terms, and on a terminal step R_c or R_r alone.
+
+    Args:
+        terms: what `weighted_terms` returned.
+        outcome: (N,) codes of `Outcome`, 0 where the episode goes on.
+        config: says what the ends pay.
+    """
+    xp = namespace(outcome)
+    total = sum(terms.values())
+    total = xp.where(outcome == Outcome.COLLISION.code, config.collision, total)
+    exits = (outcome == Outcome.SUCCESS.code) | (outcome == Outcome.FALSE_EXIT.code)
+    return xp.where(exits, config.success, total)

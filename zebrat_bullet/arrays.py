@@ -1,0 +1,28 @@
+"""Arithmetic on whatever holds the numbers: the array's own library, NumPy or torch, does it.
+
+What is written over these arrays has a leading axis of cars, N of them; one car of PyBullet's is N = 1.
+"""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace, device
+from numpy.typing import NDArray
+
+Array = Any
+"""A NumPy array, or a torch tensor on any device."""
+
+
+def namespace(array: Array) -> ModuleType:
+    """Return the library of an array, under the names of the array API standard."""
+    module: ModuleType = array_namespace(array)
+    return module
+
+
+def like(values: NDArray, array: Array) -> Array:
+    """Return constants in the library, on the device and, if they are floats, in the precision of an array."""
+    if isinstance(array, np.ndarray):
+        return values.astype(array.dtype, copy=False) if values.dtype.kind == "f" else values
+    kept = {"dtype": array.dtype} if values.dtype.kind == "f" else {}
+    return namespace(array).asarray(values, device=device(array), **kept)

@@ -1,0 +1,254 @@
+"""One task driven by N planar cars at once: what `task.drive` is for one car in PyBullet, by the same rules."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.arrays import Array, like, namespace
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import ActionError, ConfigError
+from zebrat_bullet.planar.simulation import PlanarSimulation
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.safety_region import make_region
+from zebrat_bullet.task.dynamics import draw_dynamics
+from zebrat_bullet.task.episode import EpisodeRules, anywhere_poses, open_lines, start_pose
+from zebrat_bullet.task.observation import observation_spec
+from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
+from zebrat_bullet.types import Commands, Pose2
+from zebrat_bullet.world.world import World
+
+N_STARTS = 64
+"""Start poses drawn for each world; every episode begins at one of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarStep:
+    """What came of one control step of N cars.
+
+    Attributes:
+        observation: (N, size) float32; of a car whose episode has ended, the first of its next one.
+        reward: (N,).
+        terms: each weighted reward term, (N,), by name, also on terminal steps, where they are not paid.
+        outcome: (N,) int8, codes of `Outcome`, 0 where the episode goes on.
+        ended: (K,) the cars whose episodes have ended, ascending.
+        last_observation: (K, size) float32, the last of their episodes.
+        world: (K,) the worlds of these episodes, by their place in `worlds`.
+        start: (K,) their start poses, by their place in `starts` of that world.
+    """
+
+    observation: Array
+    reward: Array
+    terms: dict[str, Array]
+    outcome: Array
+    ended: NDArray[np.intp]
+    last_observation: Array
+    world: NDArray[np.int32]
+    start: NDArray[np.int32]
+
+
+class PlanarDrive:
+    """N cars under a task; a car whose episode ends begins its next one in the same step.
+
+    Which world and start, which dynamics and which noise an episode gets comes from one generator, in the order of the
+    cars, so that the same seed gives the same numbers on the same device, bit for bit.
+
+    Args:
+        task: the task; `lidar.caster` does not matter.
+        worlds: each episode draws one.
+        n_cars: N.
+        device: "cpu" or "cuda".
+        seed: of worlds, starts, dynamics and noise.
+        raw: observations and actions in SI units instead of [-1, 1].
+
+    Attributes:
+        spec: the observation.
+        worlds: those there are; `add_worlds` brings more.
+        starts: (W, N_STARTS, 3) float64, the poses at which episodes begin, world frame.
+        weights: (W,) chances of the worlds, or None where all are alike.
+
+    Raises:
+        ConfigError: the task is guided, the device is not there, or its memory does not hold the cars.
+        WorldError: a world does not fit the plane, or has no place to begin.
+    """
+
+    def __init__(
+        self,
+        task: TaskConfig,
+        worlds: Sequence[World],
+        n_cars: int,
+        *,
+        device: str = "cpu",
+        seed: int = 0,
+        raw: bool = False,
+    ) -> None:
+        check_weights(task.reward)
+        if task.guided:
+            raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
+        if not worlds:
+            raise ConfigError("worlds is empty; name at least one world")
+        self.task, self.n_cars = task, n_cars
+        self.robot = load_robot(task.robot)
+        self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
+        self.spec = observation_spec(task, self.region, raw)
+        n_bearings = task.lidar.n_bearings
+        sides = np.array([n_bearings // 4, 3 * n_bearings // 4])
+        indices, places = np.unique(np.concatenate([self.region.indices, sides]), return_inverse=True)
+        self._seen, self._sides = places[:-2], places[-2:]
+        self._all_seen = len(indices) == len(self._seen) and bool((np.diff(self._seen) == 1).all())
+        self.worlds: list[World] = []
+        self.starts = np.empty((0, N_STARTS, 3))
+        self.weights: NDArray[np.float64] | None = None
+        self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
+        self._note_worlds(worlds)
+        self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
+        self._n_steps = 0
+        self._start = np.zeros(n_cars, dtype=np.int32)
+        self._noise_base = np.zeros(n_cars, dtype=np.int32)
+        self.reset(seed)
+
+    def add_worlds(self, worlds: Sequence[World]) -> None:
+        """Let later episodes take place in these worlds too."""
+        self.sim.add_worlds(worlds)
+        self._note_worlds(worlds)
+
+    def _note_worlds(self, worlds: Sequence[World]) -> None:
+        first = len(self.worlds)
+        self.worlds += worlds
+        self.starts = np.concatenate([self.starts, *(self._draw_starts(world)[None] for world in worlds)])
+        lines = open_lines(self.worlds) - self.sim.origin[:, None]
+        self._lines = np.concatenate([getattr(self, "_lines", lines[:0]), lines[first:]])
+        self._max_steps = np.array([world.max_steps or self.task.episode.max_steps for world in self.worlds])
+
+    def _draw_starts(self, world: World) -> NDArray[np.float64]:
+        """Return N_STARTS poses of a world, (N_STARTS, 3), a function of the world alone."""
+        rng = np.random.default_rng(np.frombuffer(world.name.encode(), dtype=np.uint8))
+        if self.task.episode.start == "anywhere":
+            return anywhere_poses(world, self.robot, rng, N_STARTS)
+        poses = [start_pose(world, rng) for _ in range(N_STARTS)]
+        return np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+
+    def reset(self, seed: int | None = None) -> Array:
+        """Begin an episode of every car and return the (N, size) observations; None goes on with the same generator."""
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        everyone = np.arange(self.n_cars)
+        self._begin(everyone)
+        self.sim.look()
+        return self._observe()
+
+    def begin_at(self, worlds: NDArray[np.int32], poses: Sequence[Pose2] | NDArray[np.float64]) -> Array:
+        """Begin an episode of every car in a given world and at a given pose, world frame; return the observations."""
+        everyone = np.arange(self.n_cars)
+        rows = [(p.x, p.y, p.yaw) if isinstance(p, Pose2) else tuple(p) for p in poses]
+        self._place(everyone, np.asarray(worlds, dtype=np.int32), np.array(rows, dtype=np.float64))
+        self.sim.look()
+        return self._observe()
+
+    def step(self, actions: Array) -> PlanarStep:
+        """Drive every car one control step.
+
+        Args:
+            actions: (N, 2), in [-1, 1] or SI where `raw`; beyond the limits they are clipped.
+
+        Raises:
+            ActionError: one is not finite; nothing was simulated.
+        """
+        self._refuse_non_finite(actions)
+        return self.follow(self.spec.decode_cars(actions))
+
+    def follow(self, commands: Commands) -> PlanarStep:
+        """Drive every car one control step by commands within the limits, in m/s and rad."""
+        sim = self.sim
+        sim.command[:, 0], sim.command[:, 1] = commands.speed_mps, commands.steering_rad
+        sim.step()
+        self._n_steps += 1
+        sim.draws[:] = like(self._noise_base, sim.draws) + self._n_steps
+        sim.look()
+        clearance = self.region.clearances(self._obs())
+        open_width = sim.ranges[:, int(self._sides[0])] + sim.ranges[:, int(self._sides[1])]
+        outcome = self._rules.judge(sim.pose, sim.contact, clearance.collision, open_width)
+        speed = sim.motion[:, 2]
+        nearer = namespace(speed).zeros_like(speed)
+        terms = weighted_terms(
+            RewardInput(clearance, self.region, speed, commands, self.task.reward, nearer)
+        )
+        reward = rewards(terms, outcome, self.task.reward)
+        observation = self._observe()
+        ended = np.flatnonzero(_on_host(outcome))
+        last = observation[ended]
+        world, start = _on_host(sim.world[ended]).copy(), self._start[ended]
+        if len(ended):
+            self._begin(ended)
+            sim.look(ended)
+            observation[ended] = self._observe()[ended] if len(ended) > self.n_cars // 2 else self._observe(ended)
+        return PlanarStep(observation, reward, terms, outcome, ended, last, world, start)
+
+    def _refuse_non_finite(self, actions: Array) -> None:
+        xp = namespace(actions)
+        if actions.shape != (self.n_cars, 2):
+            raise ActionError(f"actions must have the shape {(self.n_cars, 2)}, got {tuple(actions.shape)}")
+        finite = xp.isfinite(actions).all(-1)
+        if not bool(finite.all()):
+            car = int(np.flatnonzero(~_on_host(finite))[0])
+            raise ActionError(
+                f"an action is two finite numbers (speed, steering), got {actions[car]} for car {car} in step "
+                f"{self._n_steps + 1}; nothing was simulated"
+            )
+
+    def _begin(self, cars: NDArray[np.intp]) -> None:
+        """Draw world, start, dynamics and noise of the next episode of some cars, and stand them there."""
+        n, rng = len(cars), self._rng
+        if self.weights is None:
+            worlds = rng.integers(len(self.worlds), size=n, dtype=np.int32)
+        else:
+            worlds = rng.choice(len(self.worlds), size=n, p=self.weights).astype(np.int32)
+        self._start[cars] = rng.integers(N_STARTS, size=n)
+        self._place(cars, worlds, self.starts[worlds, self._start[cars]])
+
+    def _place(self, cars: NDArray[np.intp], worlds: NDArray[np.int32], poses_world: NDArray[np.float64]) -> None:
+        sim, rng = self.sim, self._rng
+        poses = poses_world.copy()
+        poses[:, :2] -= sim.origin[worlds]
+        dynamics = draw_dynamics(self.task.dynamics, rng, len(cars))
+        self._noise_base[cars] = rng.integers(2**31, size=len(cars), dtype=np.int32) - self._n_steps
+        host = (worlds, poses.astype(np.float32), dynamics.astype(np.float32))
+        sim.place(cars, *(like(values, sim.pose) for values in host))
+        sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
+        sim.command[cars] = 0.0
+        lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
+        self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world))
+
+    def _obs(self) -> Array:
+        ranges = self.sim.ranges
+        return ranges[:, : len(self._seen)] if self._all_seen else ranges[:, self._seen]
+
+    def _observe(self, cars: NDArray[np.intp] | None = None) -> Array:
+        obs, command = self._obs(), self.sim.command
+        return self.spec.encode_cars(obs, command) if cars is None else self.spec.encode_cars(obs[cars], command[cars])
+
+    def state(self) -> dict[str, Any]:
+        """Return all that a later `load` needs to go on here: arrays and plain values, copies."""
+        arrays = self.sim.state() | self._rules.state() | {"command": self.sim.command}
+        return {
+            "arrays": {name: _on_host(array).copy() for name, array in arrays.items()}
+            | {"start": self._start.copy(), "noise_base": self._noise_base.copy()},
+            "n_steps": self._n_steps,
+            "rng": self._rng.bit_generator.state,
+        }
+
+    def load(self, state: dict[str, Any]) -> Array:
+        """Go on where `state` was taken, and return the (N, size) observations there."""
+        arrays = self.sim.state() | self._rules.state() | {"command": self.sim.command}
+        arrays |= {"start": self._start, "noise_base": self._noise_base}
+        for name, array in arrays.items():
+            array[...] = like(state["arrays"][name], array)
+        self._n_steps = state["n_steps"]
+        self._rng.bit_generator.state = state["rng"]
+        return self._observe()
+
+
+def _on_host(array: Array) -> NDArray:
+    return array if isinstance(array, np.ndarray) else array.cpu().numpy()

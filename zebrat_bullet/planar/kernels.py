@@ -1,0 +1,374 @@
+"""What one car does in a control step, and what it sees then: the inner loops, one source for processor and GPU.
+
+Positions are relative to the origin of the car's world in the atlas. All is float32; one thread is one car.
+
+Motion is Bullet's, as far as a plane has it (measured at 120 Hz and 20 solver iterations): each knuckle closes a tenth
+of its error in a physics step, at its hinge's speed at most; four wheel motors pull the car, within their torque,
+towards the ground speed that the command asks of each, along its own heading; the two front wheels resist sliding
+sideways, within their grip. Speed and yaw rate of the rear axle are solved for all six by sequential impulses.
+"""
+
+import warp as wp
+
+wp.set_module_options(
+    {"enable_backward": False, "fast_math": True, "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffast-math"}
+)
+
+N_SWEEPS = wp.constant(2)
+"""Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
+MOTOR_SHARE = wp.constant(0.11)
+"""Share of a wheel's speed error that its motor takes away in one round, while its torque lasts."""
+KNUCKLE_SHARE = wp.constant(0.1)
+"""Share of its error that a knuckle closes in a physics step: Bullet's position gain."""
+
+
+@wp.struct
+class CarData:
+    """The numbers of the car and its senses, alike for all cars; m, rad, s, kg."""
+
+    dt: float
+    n_substeps: int
+    wheelbase: float
+    half_track: float
+    axle_x: float
+    farthest: float  # corner of the outline from the rear axle's centre
+    n_corners: int
+    inverse_mass: float
+    inverse_inertia: float
+    motor_impulse: float  # of one wheel, in a physics step, N s
+    grip_impulse: float  # of one front wheel
+    hinge_step: float  # most that a knuckle turns in a physics step
+    near: float  # a cell's list of near segments holds all that are closer to the outline than this
+    lidar_x: float
+    lidar_y: float
+    lidar_yaw: float
+    reach: float
+    horizon: float  # farthest wall that the lidar returns
+    n_rays: int
+    n_buckets: int
+    sigma: float
+    dropout: float
+
+
+@wp.func
+def _tangent(angle: float):
+    """Pade approximant of tan, within 1e-6 up to 0.9 rad."""
+    square = angle * angle
+    return angle * (105.0 - 10.0 * square) / (105.0 - 45.0 * square + square * square)
+
+
+@wp.func
+def _cell(x: float, y: float, grid: wp.vec4, first: int, per_m: float):
+    """Index of the cell that holds a point, -1 outside of the grid."""
+    column = int(wp.floor((x - grid[0]) * per_m))
+    row = int(wp.floor((y - grid[1]) * per_m))
+    if column < 0 or row < 0 or column >= int(grid[2]) or row >= int(grid[3]):
+        return -1
+    return first + row * int(grid[2]) + column
+
+
+@wp.func
+def _separation(
+    a: wp.vec2, b: wp.vec2, corners: wp.array(dtype=wp.vec2), sides: wp.array(dtype=wp.vec3), n: int, bound: float
+):
+    """Greatest gap in m along the normals of outline and segment: at most their distance, below 0 where they touch."""
+    gap = float(-1.0e9)
+    for k in range(n):
+        side = sides[k]
+        gap = wp.max(gap, wp.min(side[0] * a[0] + side[1] * a[1], side[0] * b[0] + side[1] * b[1]) - side[2])
+    if gap >= bound:
+        return gap
+    normal = wp.normalize(wp.vec2(a[1] - b[1], b[0] - a[0]))
+    at = wp.dot(normal, a)
+    low = float(1.0e9)
+    high = float(-1.0e9)
+    for k in range(n):
+        reach = wp.dot(normal, corners[k])
+        low = wp.min(low, reach)
+        high = wp.max(high, reach)
+    return wp.max(gap, wp.max(low - at, at - high))
+
+
+@wp.struct
+class Walls:
+    """The arrays of an `Atlas`."""
+
+    segments: wp.array(dtype=wp.vec4)
+    grid: wp.array(dtype=wp.vec4)
+    first_cell: wp.array(dtype=int)
+    cells: wp.array(dtype=wp.vec2i)
+    near_far: wp.array(dtype=int)
+    all_first: wp.array(dtype=int)
+    all_last: wp.array(dtype=int)
+    cells_per_m: float
+
+
+@wp.func
+def _clear(
+    walls: Walls,
+    world: int,
+    middle: wp.vec2,
+    c: float,
+    s: float,
+    car: CarData,
+    corners: wp.array(dtype=wp.vec2),
+    sides: wp.array(dtype=wp.vec3),
+):
+    """How far in m the outline may move before it can touch a wall; below 0 where it does."""
+    cell = _cell(middle[0], middle[1], walls.grid[world], walls.first_cell[world], walls.cells_per_m)
+    first = walls.all_first[world]
+    last = walls.all_last[world]
+    if cell >= 0:
+        first = walls.cells[cell][0]
+        last = first + walls.cells[cell][1]
+    gap = car.near
+    for i in range(first, last):
+        k = i
+        if cell >= 0:
+            k = walls.near_far[i]
+        ends = walls.segments[k]
+        ax = ends[0] - middle[0]
+        ay = ends[1] - middle[1]
+        bx = ends[2] - middle[0]
+        by = ends[3] - middle[1]
+        a = wp.vec2(c * ax + s * ay, c * ay - s * ax)
+        b = wp.vec2(c * bx + s * by, c * by - s * bx)
+        gap = wp.min(gap, _separation(a, b, corners, sides, car.n_corners, gap))
+    return gap
+
+
+@wp.func
+def _targets(asked: wp.vec2, car: CarData):
+    """Knuckle angles in rad and ground speeds in m/s of the four wheels that a command asks for (`sim.ackermann`)."""
+    slope = wp.tan(asked[1])
+    swing = slope * car.half_track / car.wheelbase
+    left = 1.0 - swing
+    right = 1.0 + swing
+    speeds = wp.vec4(left, right, wp.length(wp.vec2(left, slope)), wp.length(wp.vec2(right, slope)))
+    return wp.vec2(wp.atan2(slope, left), wp.atan2(slope, right)), asked[0] * speeds
+
+
+@wp.kernel
+def drive(
+    car: CarData,
+    corners: wp.array(dtype=wp.vec2),
+    sides: wp.array(dtype=wp.vec3),
+    walls: Walls,
+    world: wp.array(dtype=int),
+    dynamics: wp.array2d(dtype=float),  # torque, hinge speed, steering offset, speed: as `Dynamics`; late substeps
+    command: wp.array(dtype=wp.vec2),
+    steering_limit: float,
+    asked: wp.array(dtype=wp.vec2),  # the command that the motors follow, before it and after it
+    pose: wp.array(dtype=wp.vec3),
+    motion: wp.array(dtype=wp.vec4),  # knuckles, speed, yaw rate
+    clear: wp.array(dtype=float),  # how far the outline may still move without touching anything
+    contact: wp.array(dtype=wp.bool),
+):
+    """Drive every car one control step; a car stops where it touches a wall."""
+    i = wp.tid()
+    at = pose[i]
+    yaw = at[2]
+    c = wp.cos(yaw)
+    s = wp.sin(yaw)
+    x = at[0] + c * car.axle_x
+    y = at[1] + s * car.axle_x
+    knuckles = motion[i]
+    left = knuckles[0]
+    right = knuckles[1]
+    speed = knuckles[2]
+    rate = knuckles[3]
+    free = clear[i]
+    torque = car.motor_impulse * dynamics[i, 0]
+    turn_most = car.hinge_step * dynamics[i, 1]
+    late = int(dynamics[i, 4])
+    angles, speeds = _targets(asked[i], car)
+    fresh = wp.vec2(
+        command[i][0] * dynamics[i, 3],
+        wp.clamp(command[i][1] + dynamics[i, 2], -steering_limit, steering_limit),
+    )
+    hit = wp.bool(False)
+    for n in range(car.n_substeps):
+        if n == late:
+            angles, speeds = _targets(fresh, car)
+        tan_l = _tangent(left)
+        tan_r = _tangent(right)
+        cos_l = 1.0 / wp.sqrt(1.0 + tan_l * tan_l)
+        cos_r = 1.0 / wp.sqrt(1.0 + tan_r * tan_r)
+        sin_l = tan_l * cos_l
+        sin_r = tan_r * cos_r
+        # How (speed, yaw rate) move each wheel along its heading, and the front wheels across theirs.
+        roll_l = car.wheelbase * sin_l - car.half_track * cos_l
+        roll_r = car.wheelbase * sin_r + car.half_track * cos_r
+        slide_l = car.wheelbase * cos_l + car.half_track * sin_l
+        slide_r = car.wheelbase * cos_r - car.half_track * sin_r
+        im = car.inverse_mass
+        ij = car.inverse_inertia
+        h = car.half_track
+        rear = MOTOR_SHARE / (im + ij * h * h)
+        front_l = MOTOR_SHARE / (im * cos_l * cos_l + ij * roll_l * roll_l)
+        front_r = MOTOR_SHARE / (im * cos_r * cos_r + ij * roll_r * roll_r)
+        side_l = 1.0 / (im * sin_l * sin_l + ij * slide_l * slide_l)
+        side_r = 1.0 / (im * sin_r * sin_r + ij * slide_r * slide_r)
+        p0 = float(0.0)
+        p1 = float(0.0)
+        p2 = float(0.0)
+        p3 = float(0.0)
+        p4 = float(0.0)
+        p5 = float(0.0)
+        for _sweep in range(N_SWEEPS):
+            q = wp.clamp(p0 + rear * (speeds[0] - speed + h * rate), -torque, torque)
+            speed = speed + im * (q - p0)
+            rate = rate - ij * h * (q - p0)
+            p0 = q
+            q = wp.clamp(p1 + rear * (speeds[1] - speed - h * rate), -torque, torque)
+            speed = speed + im * (q - p1)
+            rate = rate + ij * h * (q - p1)
+            p1 = q
+            q = wp.clamp(p2 + front_l * (speeds[2] - cos_l * speed - roll_l * rate), -torque, torque)
+            speed = speed + im * cos_l * (q - p2)
+            rate = rate + ij * roll_l * (q - p2)
+            p2 = q
+            q = wp.clamp(p3 + front_r * (speeds[3] - cos_r * speed - roll_r * rate), -torque, torque)
+            speed = speed + im * cos_r * (q - p3)
+            rate = rate + ij * roll_r * (q - p3)
+            p3 = q
+            q = wp.clamp(p4 - side_l * (slide_l * rate - sin_l * speed), -car.grip_impulse, car.grip_impulse)
+            speed = speed - im * sin_l * (q - p4)
+            rate = rate + ij * slide_l * (q - p4)
+            p4 = q
+            q = wp.clamp(p5 - side_r * (slide_r * rate - sin_r * speed), -car.grip_impulse, car.grip_impulse)
+            speed = speed - im * sin_r * (q - p5)
+            rate = rate + ij * slide_r * (q - p5)
+            p5 = q
+        left = left + wp.clamp(KNUCKLE_SHARE * (angles[0] - left), -turn_most, turn_most)
+        right = right + wp.clamp(KNUCKLE_SHARE * (angles[1] - right), -turn_most, turn_most)
+        step = speed * car.dt
+        turn = rate * car.dt
+        # Along the chord of the arc; the heading by its series, whose error is 1e-7 rad a step.
+        x = x + step * (c - 0.5 * s * turn)
+        y = y + step * (s + 0.5 * c * turn)
+        turned = 1.0 - 0.5 * turn * turn
+        c_next = c * turned - s * turn
+        s = s * turned + c * turn
+        c = c_next
+        yaw = yaw + turn
+        free = free - (wp.abs(step) + wp.abs(turn) * car.farthest)
+        if free <= 0.0:
+            free = _clear(
+                walls, world[i], wp.vec2(x - c * car.axle_x, y - s * car.axle_x), c, s, car, corners, sides
+            )
+            if free <= 0.0:
+                hit = wp.bool(True)
+                break
+    asked[i] = fresh
+    pose[i] = wp.vec3(x - c * car.axle_x, y - s * car.axle_x, yaw)
+    motion[i] = wp.vec4(left, right, speed, rate)
+    clear[i] = free
+    contact[i] = hit
+
+
+@wp.func
+def _bearing(x: float, y: float):
+    """A number in [-2, 2] that grows with the bearing of a point from -pi to pi."""
+    beside = 1.0 - x / (wp.abs(x) + wp.abs(y))
+    if y < 0.0:
+        return -beside
+    return beside
+
+
+@wp.func
+def _blur(
+    true_range: float, car: CarData, channels: wp.array(dtype=float), state: wp.uint32
+):
+    """What is left of a range by noise: the least of as many noisy returns as channels meet the wall at that range."""
+    slot = int(true_range / car.reach * float(channels.shape[0]))
+    n = channels[wp.min(slot, channels.shape[0] - 1)]
+    kept = n
+    if car.dropout > 0.0:
+        kept = n * (1.0 - car.dropout)
+        if wp.randf(state) < wp.pow(car.dropout, n):
+            return car.reach
+    if car.sigma <= 0.0:
+        return true_range
+    # The least of n normal draws: the n-th root of a uniform draw is the chance that all n lie above it.
+    above = wp.pow(wp.max(wp.randf(state), 1.0e-7), 1.0 / wp.max(kept, 1.0))
+    noise = -1.41421356 * car.sigma * wp.erfinv(wp.clamp(2.0 * above - 1.0, -0.9999999, 0.9999999))
+    return wp.clamp(true_range + noise, 0.0, car.reach)
+
+
+@wp.kernel
+def look(
+    car: CarData,
+    walls: Walls,
+    world: wp.array(dtype=int),
+    pose: wp.array(dtype=wp.vec3),
+    rays: wp.array(dtype=wp.vec3),  # direction, and its bearing as `_bearing` says
+    first_ray: wp.array(dtype=int),  # for each of n_buckets parts of the bearings
+    channels: wp.array(dtype=float),
+    draws: wp.array(dtype=int),
+    cars: wp.array(dtype=int),
+    ranges: wp.array2d(dtype=float),
+):
+    """Cast every ray of these cars: each front that faces the lidar shortens the rays between its ends."""
+    i = cars[wp.tid()]
+    w = world[i]
+    at = pose[i]
+    c = wp.cos(at[2])
+    s = wp.sin(at[2])
+    x = at[0] + c * car.lidar_x - s * car.lidar_y
+    y = at[1] + s * car.lidar_x + c * car.lidar_y
+    c = wp.cos(at[2] + car.lidar_yaw)
+    s = wp.sin(at[2] + car.lidar_yaw)
+    for r in range(car.n_rays):
+        ranges[i, r] = car.reach
+    cell = _cell(x, y, walls.grid[w], walls.first_cell[w], walls.cells_per_m)
+    first = walls.all_first[w]
+    last = walls.all_last[w]
+    if cell >= 0:
+        first = walls.cells[cell][0]
+        last = walls.cells[cell + 1][0]
+    for j in range(first, last):
+        k = j
+        if cell >= 0:
+            k = walls.near_far[j]
+        ends = walls.segments[k]
+        ax = ends[0] - x
+        ay = ends[1] - y
+        bx = ends[2] - x
+        by = ends[3] - y
+        facing = ax * by - ay * bx
+        if facing > 0.0:
+            px = c * ax + s * ay
+            py = c * ay - s * ax
+            qx = c * bx + s * by
+            qy = c * by - s * bx
+            begin = _bearing(px, py)
+            end = _bearing(qx, qy)
+            across = end < begin  # the segment lies across straight back
+            dx = qx - px
+            dy = qy - py
+            r = first_ray[wp.min(int((begin + 2.0) * float(car.n_buckets) * 0.25), car.n_buckets - 1)]
+            while r < car.n_rays:
+                ray = rays[r]
+                if ray[2] > end and not across:
+                    break
+                if ray[2] >= begin:
+                    slope = ray[0] * dy - ray[1] * dx
+                    if facing < slope * ranges[i, r]:
+                        ranges[i, r] = facing / slope
+                r = r + 1
+            if across:
+                r = int(0)
+                while r < car.n_rays:
+                    ray = rays[r]
+                    if ray[2] > end:
+                        break
+                    slope = ray[0] * dy - ray[1] * dx
+                    if facing < slope * ranges[i, r]:
+                        ranges[i, r] = facing / slope
+                    r = r + 1
+    for r in range(car.n_rays):
+        if ranges[i, r] >= car.horizon:
+            ranges[i, r] = car.reach
+        elif car.sigma > 0.0 or car.dropout > 0.0:
+            ranges[i, r] = _blur(ranges[i, r], car, channels, wp.rand_init(draws[i], r))
