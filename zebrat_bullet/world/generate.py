@@ -1,20 +1,32 @@
 """Random tracks for training: laid from the same segments as the shipped ones, and checked by the same rules."""
 
 import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from functools import partial
+from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from zebrat_bullet.errors import WorldError
-from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.errors import ConfigError, WorldError
+from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world.build import build_world
+from zebrat_bullet.world.load import default_robot
 from zebrat_bullet.world.schema import Buttress, Straight, Turn, WorldSpec
-from zebrat_bullet.world.track import corner_extent
-from zebrat_bullet.world.validate import validate_world
+from zebrat_bullet.world.solid import ExtrudedMesh
+from zebrat_bullet.world.track import corner_extent, course_m
+from zebrat_bullet.world.validate import check_closed, validate_world
 from zebrat_bullet.world.world import World
 
+# Tracks of seeds from here on are never trained on: they are kept to measure what a policy makes of unknown ones.
+HELD_OUT_SEED = 900_000
 _MAX_TRIES = 200
+# So many seeds go to a process at a time, and so many such batches wait for each process.
+_BATCH, _WAITING = 8, 3
 _WIDEST_M = 2.0
 
 
@@ -38,19 +50,80 @@ def generate_track(
     Raises:
         WorldError: no valid track of that length in many tries; widen `length_m`.
     """
-    robot = robot or load_robot("zebrat")
+    robot = robot or default_robot()
     aim_m = float(rng.uniform(*length_m))
     for _ in range(_MAX_TRIES):
         spec = _draw(rng, aim_m, tightness, name)
+        assert spec.segments is not None
+        if not length_m[0] <= course_m(spec.segments) <= length_m[1]:
+            continue
         try:
             world = build_world(spec, Path(name))
+            _check_closed(world)
             validate_world(world, robot, name)
         except WorldError:
             continue
-        course = float(np.hypot(*np.diff(world.centre_line, axis=0).T).sum()) + spec.start.at_m - 1.0
-        if length_m[0] <= course <= length_m[1]:
-            return world
+        return world
     raise WorldError(f"{name}: length_m: no valid track of {length_m} m in {_MAX_TRIES} tries; widen the range")
+
+
+def generate_tracks(
+    seeds: Iterable[int],
+    *,
+    workers: int = 1,
+    length_m: tuple[float, float] = (6.0, 15.0),
+    tightness: float = 0.6,
+    robot: RobotModel | None = None,
+) -> Iterator[World]:
+    """Draw one track for each seed, named `generated-SEED`, in the order of the seeds, which may go on for ever.
+
+    A track depends on its own seed and on what `generate_track` is told, not on its neighbours or on `workers`.
+
+    Args:
+        seeds: not negative; those from `HELD_OUT_SEED` on are for evaluation only.
+        workers: 1 draws here; more draw in so many processes, which import the caller's main module again, so a script
+            needs its `if __name__ == "__main__":`.
+        length_m, tightness, robot: as `generate_track`.
+
+    Raises:
+        ConfigError: fewer than one worker.
+        WorldError: when it is the turn of a seed that has no valid track.
+    """
+    if workers < 1:
+        raise ConfigError(f"workers must be at least 1, got {workers}")
+    track = partial(_track_of, length_m=length_m, tightness=tightness, robot=robot or default_robot())
+    return map(track, seeds) if workers == 1 else _in_processes(track, iter(seeds), workers)
+
+
+def _track_of(seed: int, *, length_m: tuple[float, float], tightness: float, robot: RobotModel) -> World:
+    rng = np.random.default_rng(seed)
+    return generate_track(rng, length_m=length_m, tightness=tightness, robot=robot, name=f"generated-{seed}")
+
+
+def _in_processes(track: Callable[[int], World], seeds: Iterator[int], workers: int) -> Iterator[World]:
+    """Yield the tracks in the order of the seeds; a consumer that stops early stops the processes too."""
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        waiting: deque[Future[list[World]]] = deque()
+        try:
+            while batch := list(islice(seeds, _BATCH)):
+                waiting.append(pool.submit(_tracks_of, track, batch))
+                if len(waiting) > workers * _WAITING:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _tracks_of(track: Callable[[int], World], seeds: list[int]) -> list[World]:
+    return [track(seed) for seed in seeds]
+
+
+def _check_closed(world: World) -> None:
+    """Refuse a mesh with holes, made only where it can have one: an outline touches itself only round a hole in it."""
+    assert isinstance(world.mesh, ExtrudedMesh)
+    if any(solid.outline.interiors for solid in world.mesh.solids):
+        check_closed(world, world.name)
 
 
 def _draw(rng: np.random.Generator, length: float, tightness: float, name: str) -> WorldSpec:
