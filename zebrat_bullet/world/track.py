@@ -180,7 +180,9 @@ def _lay(
 def _joined(pieces: list[shapely.Polygon]) -> shapely.Polygon:
     # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
     grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
-    return grown.buffer(-_HAIR_M, join_style="mitre").simplify(_HAIR_M / 2)
+    shrunk = grown.buffer(-_HAIR_M, join_style="mitre")
+    # No leg touches another, so a corridor has no holes; rounding sometimes makes a hair-thin one, even an invalid one.
+    return shapely.Polygon(shrunk.exterior).simplify(_HAIR_M / 2)
 
 
 def _ahead(pose: Pose2, distance: float, left: float = 0.0) -> Pose2:
