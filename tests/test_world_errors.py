@@ -59,6 +59,11 @@ CASES = {
         "away from the exit",
     ),
     "a blocked exit": (GOOD + "obstacles:\n  - {box: [4.6, -0.05], size: [0.2, 0.3]}\n", "open_line", "open the exit"),
+    "an obstacle that touches itself": (
+        GOOD + "obstacles:\n  - {polygon: [[3, 0.4], [3, 0.4], [3.2, 0.4], [3.2, 0.6]]}\n",
+        "mesh",
+        "not watertight; move a corner",
+    ),
     "an unknown field": (GOOD + "colour: red\n", "colour", "remove it"),
     "a missing width": (HEAD + "segments:\n  - {straight: 4.0}\n", "segments[0].width", "add it"),
     "a negative length": (HEAD + "segments:\n  - {straight: -4.0, width: 1}\n", "segments[0].straight", "greater"),

@@ -174,11 +174,13 @@ def _worlds(config: TrainConfig) -> tuple[list[World], list[World]]:
     shipped = {name: load_world(name) for name in {*config.worlds, *config.eval_worlds}}
     train_worlds = [shipped[name] for name in config.worlds]
     robot = load_robot(config.task.robot)
+    # Recorded runs must find their tracks again.
     train_worlds += [
-        generate_track(rng_train, tightness=config.tightness, robot=robot) for _ in range(config.n_generated)
+        generate_track(rng_train, tightness=config.tightness, variety=False, robot=robot)
+        for _ in range(config.n_generated)
     ]
     eval_worlds = [shipped[name] for name in config.eval_worlds]
-    eval_worlds += [generate_track(rng_eval, robot=robot) for _ in range(config.n_generated_eval)]
+    eval_worlds += [generate_track(rng_eval, variety=False, robot=robot) for _ in range(config.n_generated_eval)]
     return eval_worlds or train_worlds[:1], train_worlds
 
 

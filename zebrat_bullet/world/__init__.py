@@ -1,8 +1,17 @@
 """Places to drive in: read, built, meshed and checked, without any simulator."""
 
-from zebrat_bullet.world.generate import generate_track
+from zebrat_bullet.world.generate import HELD_OUT_SEED, generate_track, generate_tracks
 from zebrat_bullet.world.load import load_world
 from zebrat_bullet.world.summary import world_summary
 from zebrat_bullet.world.world import Mesh, Start, World
 
-__all__ = ["Mesh", "Start", "World", "generate_track", "load_world", "world_summary"]
+__all__ = [
+    "HELD_OUT_SEED",
+    "Mesh",
+    "Start",
+    "World",
+    "generate_track",
+    "generate_tracks",
+    "load_world",
+    "world_summary",
+]

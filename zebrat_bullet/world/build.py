@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.schema import LOWEST_WALL_M, PolygonObstacle, StartSpec, WorldSpec
-from zebrat_bullet.world.solid import Solid, extrude, is_watertight, join, polygons_of
+from zebrat_bullet.world.solid import ExtrudedMesh, Solid, join, polygons_of
 from zebrat_bullet.world.sources import mesh_outlines, read_mesh, read_ros_map
 from zebrat_bullet.world.survey import clear_widths, point_outward, survey
 from zebrat_bullet.world.track import GOAL_M, Track, lay_track
 from zebrat_bullet.world.walls import obstacle_solid, wall_solids
-from zebrat_bullet.world.world import Mesh, Start, World
+from zebrat_bullet.world.world import Start, World
 
 _WAYPOINT_SPACING_M = 1.5
 # How far round the walls of a mesh or map the floor counts as its free space.
@@ -26,6 +26,8 @@ _HAIR_M = 1e-3
 
 def build_world(spec: WorldSpec, path: Path) -> World:
     """Build the world that a file describes; `path` names it, and is where its mesh or map is looked for.
+
+    Neither is its mesh made nor is it checked here whether that is closed.
 
     Raises:
         WorldError: segments, polygons or files that do not make a place to drive in.
@@ -43,22 +45,15 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         solids, free_space = wall_solids(track.free_space, open_line, spec.wall), track.free_space
     _check_obstacles(spec, source)
     obstacles = [obstacle_solid(item, track) for item in spec.obstacles]
-    meshes = [mesh] if mesh is not None else _extruded(solids)
     # What hangs above the height band of the flat scan is meshed, but passes over the car.
     standing = [solid for solid in solids + obstacles if solid.bottom_m < LOWEST_WALL_M]
     walls = _multi(standing)
     begin_m = _start_distance(spec.start, track, source)
     line, widths = _from_start(track, begin_m) if track else (np.empty((0, 2)), np.empty(0))
-    whole = join(meshes + _extruded(obstacles))
-    if not is_watertight(whole):
-        raise WorldError(
-            f"{source}: mesh: some wall or obstacle touches itself in a single point, so its mesh is not watertight; "
-            "move a corner there by a centimetre"
-        )
     return World(
         name=spec.name,
         description=spec.description,
-        mesh=whole,
+        mesh=ExtrudedMesh(solids + obstacles) if mesh is None else join([mesh, ExtrudedMesh(obstacles)]),
         walls=walls,
         low_obstacles=_multi([solid for solid in standing if solid.low]),
         free_space=_largest(free_space.difference(walls)) if obstacles else free_space,
@@ -158,10 +153,6 @@ def _check_obstacles(spec: WorldSpec, source: str) -> None:
     for i, item in enumerate(spec.obstacles):
         if isinstance(item, PolygonObstacle) and not shapely.Polygon(item.polygon).is_valid:
             raise WorldError(f"{source}: obstacles[{i}].polygon: its outline crosses itself; reorder its corners")
-
-
-def _extruded(solids: list[Solid]) -> list[Mesh]:
-    return [extrude(solid.outline, solid.bottom_m, solid.top_m) for solid in solids]
 
 
 def _multi(solids: list[Solid]) -> shapely.MultiPolygon:

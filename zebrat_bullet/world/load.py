@@ -11,7 +11,7 @@ from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.schema import StartSpec, WorldSpec, parse_spec, read_yaml
 from zebrat_bullet.world.sources import MESH_SUFFIXES
-from zebrat_bullet.world.validate import validate_world
+from zebrat_bullet.world.validate import check_closed, validate_world
 from zebrat_bullet.world.world import World
 
 
@@ -40,7 +40,8 @@ def load_world(
         changes["waypoints"] = [(goal.x, goal.y)]
     spec = _spec(path).model_copy(update=changes)
     world = build_world(spec, path)
-    validate_world(world, robot or _zebrat(), str(path))
+    check_closed(world, str(path))
+    validate_world(world, robot or default_robot(), str(path))
     shipped = path.parent == asset_folder("worlds")
     return replace(world, source=path.stem if shipped else str(path.resolve()))
 
@@ -56,5 +57,6 @@ def _spec(path: Path) -> WorldSpec:
 
 
 @lru_cache(maxsize=1)
-def _zebrat() -> RobotModel:
+def default_robot() -> RobotModel:
+    """Return ZebraT, read once."""
     return load_robot("zebrat")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -18,6 +19,27 @@ class Solid:
     bottom_m: float
     top_m: float
     low: bool = False
+
+
+class ExtrudedMesh(Mesh):
+    """The mesh of upright solids, made when it is first looked at: who drives in the plane never needs it."""
+
+    def __init__(self, solids: Iterable[Solid]) -> None:
+        self.solids = tuple(solids)
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """(V, 3) float64 in m, world frame."""
+        return self._made.vertices
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """(F, 3) int32, outward counter-clockwise."""
+        return self._made.faces
+
+    @cached_property
+    def _made(self) -> Mesh:
+        return join(extrude(solid.outline, solid.bottom_m, solid.top_m) for solid in self.solids)
 
 
 def extrude(outline: shapely.Polygon, bottom_m: float, top_m: float) -> Mesh:

@@ -102,6 +102,22 @@ def resample(
     return joined, distances, np.concatenate(values)
 
 
+def course_m(segments: Sequence[Straight | Turn]) -> float:
+    """Return how long the centre line of segments is up to the open-space line, its facets counted as laid."""
+    return sum(
+        segment.straight if isinstance(segment, Straight) else _facets(segment.turn) * _facet_m(segment)
+        for segment in segments
+    )
+
+
+def _facets(turn_deg: float) -> int:
+    return math.ceil(abs(math.radians(turn_deg)) / _FACET_RAD)
+
+
+def _facet_m(turn: Turn) -> float:
+    return 2.0 * turn.radius * math.sin(abs(math.radians(turn.turn)) / _facets(turn.turn) / 2.0)
+
+
 def corner_extent(segment: Straight | Turn, width: float) -> float:
     """Return how much of each neighbouring straight a sharp corner takes up."""
     if isinstance(segment, Straight) or segment.radius > 0:
@@ -164,7 +180,9 @@ def _lay(
 def _joined(pieces: list[shapely.Polygon]) -> shapely.Polygon:
     # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
     grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
-    return grown.buffer(-_HAIR_M, join_style="mitre").simplify(_HAIR_M / 2)
+    shrunk = grown.buffer(-_HAIR_M, join_style="mitre")
+    # No leg touches another, so a corridor has no holes; rounding sometimes makes a hair-thin one, even an invalid one.
+    return shapely.Polygon(shrunk.exterior).simplify(_HAIR_M / 2)
 
 
 def _ahead(pose: Pose2, distance: float, left: float = 0.0) -> Pose2:
@@ -203,7 +221,7 @@ def _corner(pose: Pose2, turn_deg: float, width: float, extent: float) -> shapel
 def _arc(pose: Pose2, turn_deg: float, radius: float, width: float) -> tuple[shapely.Polygon, list[Pose2]]:
     turn = math.radians(turn_deg)
     centre = _ahead(pose, 0.0, math.copysign(radius, turn))
-    yaws = pose.yaw + np.linspace(0.0, turn, math.ceil(abs(turn) / _FACET_RAD) + 1)
+    yaws = pose.yaw + np.linspace(0.0, turn, _facets(turn_deg) + 1)
     # Seen from the turning centre, the centre line lies on the right of a left turn and on the left of a right turn.
     rims = [
         [_ahead(Pose2(centre.x, centre.y, yaw), 0.0, -math.copysign(r, turn)) for yaw in yaws]

@@ -10,6 +10,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import to_world, wall_segments
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.solid import is_watertight
 from zebrat_bullet.world.world import Start, World
 
 OPEN_WIDTH_M = 8.0
@@ -20,7 +21,8 @@ _LOOK_ASIDE_RAD = np.radians(np.arange(-45.0, 45.1, 5.0))
 _FIRE_WITHIN_M = 1.0
 # A lidar this near the line counts as on it.
 _ON_LINE_M = 0.01
-_CHUNK = 12
+# So many poses are checked in one go: enough to amortise the call, few enough to keep the arrays in the cache.
+_CHUNK = 64
 
 
 def validate_world(world: World, robot: RobotModel, source: str) -> None:
@@ -39,6 +41,19 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
         _check_passage(world, robot, source)
     if len(world.centre_line) and world.open_line is not None:
         _check_open_space(world, world.open_line, robot, source)
+
+
+def check_closed(world: World, source: str) -> None:
+    """Refuse a world whose mesh has holes.
+
+    Raises:
+        WorldError: names the file and the remedy.
+    """
+    if not is_watertight(world.mesh):
+        raise WorldError(
+            f"{source}: mesh: some wall or obstacle touches itself in a single point, so its mesh is not watertight; "
+            "move a corner there by a centimetre"
+        )
 
 
 def start_area(start: Start, footprint_base: NDArray[np.float64]) -> shapely.Polygon:
@@ -85,9 +100,9 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
 
 
 def _check_open_space(world: World, open_line: NDArray[np.float64], robot: RobotModel, source: str) -> None:
-    segments = wall_segments(world.walls.difference(world.low_obstacles))
-    ahead_m = float(robot.lidar_xyz_base[0])
-    early = _first_early(world, open_line, segments, ahead_m)
+    seen = world.walls if world.low_obstacles.is_empty else world.walls.difference(world.low_obstacles)
+    segments = wall_segments(seen)
+    early = _first_early(world, open_line, seen, float(robot.lidar_xyz_base[0]))
     if early is not None:
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
@@ -110,7 +125,7 @@ def _check_open_space(world: World, open_line: NDArray[np.float64], robot: Robot
 
 
 def _first_early(
-    world: World, open_line: NDArray[np.float64], segments: NDArray[np.float64], ahead_m: float
+    world: World, open_line: NDArray[np.float64], seen: shapely.Geometry, ahead_m: float
 ) -> NDArray[np.float64] | None:
     """Return a lidar position before the open-space line where open space is seen, or None."""
     line = world.centre_line
@@ -119,20 +134,19 @@ def _first_early(
     before = world.free_space.difference(_exit_gate(open_line, _ON_LINE_M))
     shapely.prepare(before)
     inside = shapely.contains_xy(before, lidar[..., 0], lidar[..., 1])
-    for begin in range(0, len(line), _CHUNK):
+    at, yaw = lidar[inside], yaws[inside]
+    # Both sides must be free for the sum to pass the threshold; so look near first, and far only if need be.
+    aside = (OPEN_WIDTH_M - SCAN_RANGE_M) * np.column_stack([-np.sin(yaw), np.cos(yaw)])
+    shapely.prepare(seen)
+    free = ~shapely.intersects(seen, shapely.linestrings(np.stack([at - aside, at + aside], axis=1)))
+    at, yaw = at[free], yaw[free]
+    segments = wall_segments(seen)
+    for begin in range(0, len(at), _CHUNK):
         part = slice(begin, begin + _CHUNK)
-        at, yaw = lidar[part][inside[part]], yaws[part][inside[part]]
-        if not len(at):
-            continue
-        # Both sides must be free for the sum to pass the threshold; so look near first, and far only if need be.
-        need = OPEN_WIDTH_M - SCAN_RANGE_M
-        near = _near(segments, at, need)
-        free = (side_ranges(at, yaw, near, need) >= need - 1e-9).all(axis=0)
-        if free.any():
-            early = open_width(at[free], yaw[free], segments) > OPEN_WIDTH_M
-            if early.any():
-                first: NDArray[np.float64] = at[free][early][0]
-                return first
+        early = at[part][open_width(at[part], yaw[part], segments) > OPEN_WIDTH_M]
+        if len(early):
+            first: NDArray[np.float64] = early[0]
+            return first
     return None
 
 
@@ -167,12 +181,6 @@ def side_ranges(
         ]
     )
     return ranges
-
-
-def _near(segments: NDArray[np.float64], at: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
-    low, high = at.min(axis=0) - reach_m, at.max(axis=0) + reach_m
-    near: NDArray[np.float64] = segments[((segments.max(axis=1) >= low) & (segments.min(axis=1) <= high)).all(axis=1)]
-    return near
 
 
 def _headings(line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -36,6 +36,15 @@ def _beyond(open_line: NDArray[np.float64], thickness: float) -> shapely.Polygon
     return shapely.Polygon([a, a + reach * out, b + reach * out, b])
 
 
+def exit_bares_walls(free_space: shapely.Polygon, open_line: NDArray[np.float64], wall: Wall) -> bool:
+    """Return whether what is cleared for the way out takes the wall of a leg beside it too, and leaves a hole there."""
+    setback = wall.boxes.setback_m if wall.boxes else 0.0
+    cleared = _beyond(open_line, wall.thickness_m).buffer(setback, join_style="mitre")
+    # The strip begins a hair before the open-space line, so that both walls there lose that much.
+    own = math.dist(*open_line) + 2 * (setback + _HAIR_M)
+    return bool(free_space.boundary.intersection(cleared).length > own + _HAIR_M)
+
+
 def _box_row(
     free_space: shapely.Polygon, open_line: NDArray[np.float64], outside: shapely.Geometry, wall: Wall, boxes: Boxes
 ) -> list[Solid]:
