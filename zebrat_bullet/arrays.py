@@ -26,3 +26,9 @@ def like(values: NDArray, array: Array) -> Array:
         return values.astype(array.dtype, copy=False) if values.dtype.kind == "f" else values
     kept = {"dtype": array.dtype} if values.dtype.kind == "f" else {}
     return namespace(array).asarray(values, device=device(array), **kept)
+
+
+def on_host(array: Array) -> NDArray:
+    """Return an array as NumPy sees it: itself, or a copy of what is on another device."""
+    host: NDArray = array if isinstance(array, np.ndarray) else array.cpu().numpy()
+    return host

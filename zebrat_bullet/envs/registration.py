@@ -1,8 +1,13 @@
-"""Registers two gymnasium ids a world: `ZebraT/BigTrack-v0`, and `ZebraT/BigTrackDiscrete-v0` with the six actions."""
+"""Registers two gymnasium ids a world, `ZebraT/BigTrack-v0` and, with the six actions, `ZebraT/BigTrackDiscrete-v0`.
+
+And `ZebraT/Planar-v0`, for `gymnasium.make_vec` alone: planar cars by the thousand.
+"""
 
 import gymnasium
 
 from zebrat_bullet.assets import list_assets
+
+PLANAR_ID = "ZebraT/Planar-v0"
 
 
 def env_id(world: str, discrete: bool = False) -> str:
@@ -12,7 +17,9 @@ def env_id(world: str, discrete: bool = False) -> str:
 
 
 def register_envs() -> None:
-    """Register every shipped world; called by gymnasium through the package's entry point."""
+    """Register every shipped world and the planar cars."""
+    if PLANAR_ID not in gymnasium.registry:
+        gymnasium.register(PLANAR_ID, vector_entry_point="zebrat_bullet.envs.planar_env:PlanarVectorEnv")
     for world in list_assets("worlds", ".yaml"):
         for discrete in (False, True):
             if env_id(world, discrete) not in gymnasium.registry:

@@ -59,7 +59,7 @@ class ZebratEnv(gymnasium.Env):
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        config = _task(task or TaskConfig(), reward, caster, noise)
+        config = varied(task or TaskConfig(), reward, caster, noise)
         named = [world] if isinstance(world, str | World) else list(world)
         self._worlds = [load_world(w) if isinstance(w, str) else w for w in named]
         if not self._worlds:
@@ -74,7 +74,7 @@ class ZebratEnv(gymnasium.Env):
         self._renderer: Any = None
         self._seed: int | None = None
         self._n_episodes = 0
-        self.observation_space, self.action_space = _spaces(self.spec_observation, discrete)
+        self.observation_space, self.action_space = spaces_of(self.spec_observation, discrete)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,9 +140,10 @@ class ZebratEnv(gymnasium.Env):
             self._renderer = None
 
 
-def _task(
+def varied(
     task: TaskConfig, reward: str | RewardConfig | None, caster: str | None, noise: NoiseConfig | None
 ) -> TaskConfig:
+    """Return the task with another reward, ray caster and noise, each where it is not None."""
     if isinstance(reward, str):
         task = with_reward(task, reward)
     elif reward is not None:
@@ -154,7 +155,8 @@ def _task(
     )
 
 
-def _spaces(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:
+def spaces_of(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:
+    """Return the spaces of observations and actions."""
     low, high = spec.bounds
     limits = spec.limits if spec.raw else np.ones(2, dtype=np.float32)
     action = spaces.Discrete(len(DISCRETE_COMMANDS)) if discrete else spaces.Box(-limits, limits, dtype=np.float32)

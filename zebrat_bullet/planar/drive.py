@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, like, namespace
+from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
@@ -62,6 +62,7 @@ class PlanarDrive:
         device: "cpu" or "cuda".
         seed: of worlds, starts, dynamics and noise.
         raw: observations and actions in SI units instead of [-1, 1].
+        margin_m: walls so near to the outline count as touched; a policy that learns with it does not shave walls.
 
     Attributes:
         spec: the observation.
@@ -83,6 +84,7 @@ class PlanarDrive:
         device: str = "cpu",
         seed: int = 0,
         raw: bool = False,
+        margin_m: float = 0.0,
     ) -> None:
         check_weights(task.reward)
         if task.guided:
@@ -101,7 +103,7 @@ class PlanarDrive:
         self.worlds: list[World] = []
         self.starts = np.empty((0, N_STARTS, 3))
         self.weights: NDArray[np.float64] | None = None
-        self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
+        self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device, margin_m)
         self._note_worlds(worlds)
         self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
         self._n_steps = 0
@@ -177,9 +179,9 @@ class PlanarDrive:
         )
         reward = rewards(terms, outcome, self.task.reward)
         observation = self._observe()
-        ended = np.flatnonzero(_on_host(outcome))
+        ended = np.flatnonzero(on_host(outcome))
         last = observation[ended]
-        world, start = _on_host(sim.world[ended]).copy(), self._start[ended]
+        world, start = on_host(sim.world[ended]).copy(), self._start[ended]
         if len(ended):
             self._begin(ended)
             sim.look(ended)
@@ -192,7 +194,7 @@ class PlanarDrive:
             raise ActionError(f"actions must have the shape {(self.n_cars, 2)}, got {tuple(actions.shape)}")
         finite = xp.isfinite(actions).all(-1)
         if not bool(finite.all()):
-            car = int(np.flatnonzero(~_on_host(finite))[0])
+            car = int(np.flatnonzero(~on_host(finite))[0])
             raise ActionError(
                 f"an action is two finite numbers (speed, steering), got {actions[car]} for car {car} in step "
                 f"{self._n_steps + 1}; nothing was simulated"
@@ -233,7 +235,7 @@ class PlanarDrive:
         """Return all that a later `load` needs to go on here: arrays and plain values, copies."""
         arrays = self.sim.state() | self._rules.state() | {"command": self.sim.command}
         return {
-            "arrays": {name: _on_host(array).copy() for name, array in arrays.items()}
+            "arrays": {name: on_host(array).copy() for name, array in arrays.items()}
             | {"start": self._start.copy(), "noise_base": self._noise_base.copy()},
             "n_steps": self._n_steps,
             "rng": self._rng.bit_generator.state,
@@ -249,6 +251,3 @@ class PlanarDrive:
         self._rng.bit_generator.state = state["rng"]
         return self._observe()
 
-
-def _on_host(array: Array) -> NDArray:
-    return array if isinstance(array, np.ndarray) else array.cpu().numpy()

@@ -38,6 +38,7 @@ class CarData:
     motor_impulse: float  # of one wheel, in a physics step, N s
     grip_impulse: float  # of one front wheel
     hinge_step: float  # most that a knuckle turns in a physics step
+    margin: float  # walls count as touched when they are so near to the outline
     near: float  # a cell's list of near segments holds all that are closer to the outline than this
     lidar_x: float
     lidar_y: float
@@ -256,7 +257,7 @@ def drive(
         if free <= 0.0:
             free = _clear(
                 walls, world[i], wp.vec2(x - c * car.axle_x, y - s * car.axle_x), c, s, car, corners, sides
-            )
+            ) - car.margin
             if free <= 0.0:
                 hit = wp.bool(True)
                 break

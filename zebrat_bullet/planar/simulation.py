@@ -28,6 +28,7 @@ class PlanarSimulation:
         worlds: where; `add_worlds` brings more.
         n_cars: N.
         device: "cpu", "cuda" or "cuda:0", ...
+        margin_m: walls so near to the outline count as touched.
 
     Attributes:
         pose: (N, 3) float32, x, y in m and yaw in rad of the body's middle.
@@ -50,12 +51,13 @@ class PlanarSimulation:
         worlds: Sequence[World],
         n_cars: int,
         device: str = "cpu",
+        margin_m: float = 0.0,
     ) -> None:
         if n_cars < 1:
             raise ConfigError(f"n_cars must be at least 1, got {n_cars}")
         self.device = find_device(device)
         self._physics, self._reach_m = task.physics, task.lidar.range_max_m
-        self._car = planar_car(robot, task, indices)
+        self._car = planar_car(robot, task, indices, margin_m)
         self._charts: list[Chart] = []
         car = self._car
         self._corners, self._sides = self._upload(car.corners, wp.vec2), self._upload(car.sides, wp.vec3)

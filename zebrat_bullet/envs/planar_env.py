@@ -1,0 +1,106 @@
+"""A gymnasium VectorEnv of planar cars: wiring only. The task itself is `zebrat_bullet.planar.drive.PlanarDrive`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from zebrat_bullet.arrays import Array, like, on_host
+from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.envs.zebrat_env import spaces_of, varied
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
+from zebrat_bullet.task.episode import OUTCOMES, Outcome
+from zebrat_bullet.world import World, load_world
+
+TERMINAL = np.array([False, *(outcome.terminal for outcome in OUTCOMES)])
+"""By code of an outcome: whether the task itself ended, rather than being cut off."""
+
+
+class PlanarVectorEnv(VectorEnv):
+    """Thousands of planar cars, each in a world of its own, under the task of `ZebratEnv`.
+
+    Observations, actions, rewards and ends are those of `ZebratEnv`, with a leading axis of cars. A car whose episode
+    ends begins its next one in the same step (`AutoresetMode.SAME_STEP`): `info["final_obs"]` then holds the last
+    observation. The same seed gives the same numbers on the same device, bit for bit.
+
+    Args:
+        num_envs: cars.
+        worlds: names, files or `World` objects, one or several; each episode draws one.
+        reward, noise, raw, task: as for `ZebratEnv`.
+        margin_m: as for `PlanarDrive`.
+        device: "cpu" or "cuda". Observations, rewards and actions are NumPy arrays either way;
+            `PlanarDrive` itself keeps them on the device.
+
+    Raises:
+        ConfigError, WorldError, AssetError: see the message.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 (gymnasium's contract)
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        worlds: str | Path | World | Sequence[str | Path | World] = "big_track",
+        *,
+        reward: str | RewardConfig | None = None,
+        noise: NoiseConfig | None = None,
+        raw: bool = False,
+        task: TaskConfig | None = None,
+        device: str = "cpu",
+        margin_m: float = 0.0,
+    ) -> None:
+        named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
+        if not named:
+            raise ConfigError("worlds is an empty list; name at least one world")
+        loaded = [world if isinstance(world, World) else load_world(world) for world in named]
+        config = varied(task or TaskConfig(), reward, None, noise)
+        self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode of every car; a seed fixes all that follows, without one the last one's numbers go on."""
+        super().reset(seed=seed)
+        return on_host(self.drive.reset(seed)), {}
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[Any, ...]:
+        """Drive every car one control step of 0.2 s.
+
+        Returns:
+            (N, size) observations, (N,) rewards, terminated, truncated, and an info with `terms`, the weighted reward
+            terms by name, and, where episodes ended (mask `_outcome`), `outcome`, `is_success`, `final_obs`.
+
+        Raises:
+            ActionError: an action is not finite; the message names car and step, and nothing was simulated.
+        """
+        step = self.drive.step(self.on_device(actions))
+        outcome = on_host(step.outcome)
+        ended = outcome > 0
+        terminated = TERMINAL[outcome]
+        return on_host(step.observation), on_host(step.reward), terminated, ended & ~terminated, self._info(step, outcome)
+
+    def on_device(self, actions: NDArray[np.float32]) -> Array:
+        """Return actions where the cars are."""
+        values = np.asarray(actions, dtype=np.float32)
+        return like(values, self.drive.sim.pose)
+
+    def _info(self, step: PlanarStep, outcome: NDArray[np.int8]) -> dict[str, Any]:
+        info: dict[str, Any] = {"terms": {name: on_host(term) for name, term in step.terms.items()}}
+        if len(step.ended):
+            ended = outcome > 0
+            names = np.full(self.num_envs, None, dtype=object)
+            last = np.full(self.num_envs, None, dtype=object)
+            for car, observation in zip(step.ended, on_host(step.last_observation), strict=True):
+                names[car], last[car] = str(Outcome.of(int(outcome[car]))), observation
+            info |= {"outcome": names, "is_success": outcome == Outcome.SUCCESS.code, "final_obs": last}
+            info |= {"_outcome": ended, "_is_success": ended, "_final_obs": ended}
+        return info
