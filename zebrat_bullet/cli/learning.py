@@ -182,9 +182,9 @@ def add(command: AddCommand) -> None:
     made = command(imitate)
     made.add_argument(
         "--demonstrations",
-        default="docs/results/demonstrations/oracle",
+        default="docs/results/demonstrations.zip",
         metavar="FOLDER",
-        help="episode records (default: those of this checkout)",
+        help="episode records, or a zip archive of them (default: those of this checkout)",
     )
     made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
     made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
