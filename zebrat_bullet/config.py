@@ -198,8 +198,7 @@ class EpisodeConfig:
         max_steps: control steps until time-out.
         stall_steps, stall_distance_m: the car fails when it moved less than this distance between two checks.
         open_width_m: V_left + V_right above this is open space.
-        start: "start" (the world's start pose with its random range), "anywhere" (along the centre line), or "both",
-            each in half of the episodes.
+        start: "start" (the world's start pose with its random range) or "anywhere" (along the centre line).
     """
 
     max_steps: int = 1000
@@ -210,10 +209,7 @@ class EpisodeConfig:
 
     def __post_init__(self) -> None:
         _require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
-        _require(
-            self.start in ("start", "anywhere", "both"),
-            f"start must be 'start', 'anywhere' or 'both', got {self.start!r}",
-        )
+        _require(self.start in ("start", "anywhere"), f"start must be 'start' or 'anywhere', got {self.start!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -155,7 +155,7 @@ def teleop(arguments: argparse.Namespace) -> Result:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(train, reward_options())
-    made.add_argument("--preset", choices=("paper", "general", "finetune", "fast"), default="paper")
+    made.add_argument("--preset", choices=("paper",), default="paper")
     made.add_argument(
         "--algo",
         choices=("ddpg", "dqn", "sac", "ppo", "ppo-discrete"),

@@ -115,11 +115,3 @@ class ObservationSpec:
             raise ActionError(f"a discrete action is 0..{len(DISCRETE_COMMANDS) - 1}, got {action!r}")
         speed, steering = DISCRETE_COMMANDS[int(action)]
         return Command(speed * self.max_speed_mps, steering * self.max_steering_rad)
-
-    def mirror(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return (..., size) observations as seen by the left-right mirrored car."""
-        rays = np.roll(observation[..., self.n_rays - 1 :: -1], 1, axis=-1)
-        # Speed and steering, distance and bearing: of each pair the second turns round.
-        pairs = observation[..., self.n_rays :]
-        signs = np.resize(np.array([1.0, -1.0], dtype=observation.dtype), pairs.shape[-1])
-        return np.concatenate([rays, pairs * signs], axis=-1)
