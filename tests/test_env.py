@@ -184,13 +184,13 @@ def test_bad_arguments_are_refused(kwargs):
         ZebratEnv(**kwargs)
 
 
-def test_half_of_the_episodes_begin_at_the_start_and_half_anywhere():
-    task = TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(start="both"))
+def test_episodes_begin_anywhere_where_the_task_says_so():
+    task = TaskConfig(lidar=LidarConfig(caster="embree"), episode=EpisodeConfig(start="anywhere"))
     env = ZebratEnv("big_track", task=task)
     start = env.drive.world.start.pose
     away = []
-    for _ in range(40):
+    for _ in range(20):
         pose = env.reset(seed=5 if not away else None)[1]["pose"]
         away.append(math.hypot(pose.x - start.x, pose.y - start.y))
     env.close()
-    assert 12 <= sum(distance < 0.2 for distance in away) <= 28 and max(away) > 5.0
+    assert sum(distance > 0.5 for distance in away) >= 15 and max(away) > 5.0

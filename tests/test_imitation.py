@@ -127,6 +127,12 @@ def test_a_compact_record_has_all_but_the_scans_and_its_replay_has_these_too(dem
     assert np.array_equal(again.scan_m, one.scan_m)
 
 
+def test_the_demonstrations_of_this_checkout_are_read_from_their_archive():
+    loaded = load_demonstrations(Path(__file__).parent.parent / "docs" / "results" / "demonstrations.zip")
+    assert len(loaded) == 68 and sum(len(demonstration.labels) for demonstration in loaded) == 10_049
+    assert {demonstration.record.world for demonstration in loaded} == {"big_track", "track_1", "track_2", "track_3"}
+
+
 def test_failures_are_kept_but_copied_only_with_an_experts_labels(track_2, tmp_path):
     crash = run_episode(track_2, Steady(0.6, 0.0), 0, 0)
     success = run_episode(track_2, load_agent("shipped", TASK), 0, 0)

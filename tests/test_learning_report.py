@@ -4,8 +4,8 @@ import csv
 import json
 import math
 import shutil
+import zipfile
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.image
@@ -104,14 +104,43 @@ def test_different_rewards_share_no_panel(trained, tmp_path):
     assert widths[1] > 1.4 * widths[0]
 
 
-def test_runs_of_older_versions_are_read_and_named_by_their_folders_where_much_differs():
-    names = ("general-seed0", "general-seed1", "one-critic", "four-step")
-    groups = read_groups([RESULTS / name for name in names])
-    assert sorted(group.variant for group in groups) == sorted(names)
-    by_name = {group.variant: summarise_group(group) for group in groups}
-    assert by_name["general-seed0"]["best_success"]["mean"] == pytest.approx(30 / 31)
-    assert by_name["general-seed0"]["unfinished"] == 0 and by_name["one-critic"]["unfinished"] == 1
-    assert "- one-critic: unfinished, 1100 of 4000 episodes" in learning_table(list(by_name.values()))
+def test_runs_of_older_versions_are_read():
+    (group,) = read_groups([RESULTS / "paper-finetuning.zip"])
+    settings = json.loads(
+        zipfile.ZipFile(RESULTS / "paper-finetuning.zip").read(f"{group.runs[0].folder.name}/config.json")
+    )
+    assert settings["learner"]["hold_steps"] == 1 and not hasattr(DDPGConfig(), "hold_steps")
+    assert [run.seed for run in group.runs] == [0, 1, 2, 3, 4] and all(run.finished for run in group.runs)
+    assert summarise_group(group)["best_success"]["mean"] == 1.0
+
+
+def test_an_archive_is_read_as_the_folder_that_it_was_made_of(trained, tmp_path):
+    archive = Path(shutil.make_archive(str(tmp_path / "runs"), "zip", trained))
+    plain, packed = (read_groups([place]) for place in (trained, archive))
+    assert [run.folder for group in packed for run in group.runs] == [
+        archive / run.folder.relative_to(trained) for group in plain for run in group.runs
+    ]
+    for one, two in zip(plain, packed, strict=True):
+        assert all(
+            np.array_equal(ours.episodes["return"], its.episodes["return"]) and ours.finished == its.finished
+            for ours, its in zip(one.runs, two.runs, strict=True)
+        )
+
+
+@pytest.mark.parametrize("name", ["../outside/config.json", "/outside/config.json"])
+def test_an_archive_that_reaches_out_of_itself_is_refused(name, tmp_path):
+    with zipfile.ZipFile(tmp_path / "runs.zip", "w") as archive:
+        archive.writestr("run/config.json", "{}")
+        archive.writestr(name, "{}")
+    with pytest.raises(ConfigError, match="which lies outside the archive; nothing was unpacked"):
+        read_groups([tmp_path / "runs.zip"])
+    assert not (tmp_path.parent / "outside").exists()
+
+
+def test_a_file_that_is_no_archive_is_refused(tmp_path):
+    (tmp_path / "runs.zip").write_text("nothing")
+    with pytest.raises(ConfigError, match="neither a folder nor a zip archive"):
+        read_groups([tmp_path / "runs.zip"])
 
 
 def test_settings_that_differ_name_the_group_and_those_that_change_nothing_do_not_split_it(tmp_path):
@@ -125,8 +154,8 @@ def test_settings_that_differ_name_the_group_and_those_that_change_nothing_do_no
 
 
 def test_groups_that_differ_much_and_share_their_names_are_named_by_where_they_lie():
-    names = ("algorithms", "float32", "paper-finetuning")
-    groups = read_groups([RESULTS / name / "ddpg-fomt-big_track-seed0" for name in names])
+    names = ("algorithms.zip", "float32.zip", "paper-finetuning.zip")
+    groups = [group for group in read_groups([RESULTS / name for name in names]) if group.algo == "ddpg"]
     assert sorted(group.variant for group in groups) == [f"{name}/ddpg-fomt-big_track-seed0" for name in names]
 
 
@@ -145,12 +174,12 @@ def test_a_reward_is_named_by_its_preset_or_by_its_weights():
     assert named(replace(plain, reward=replace(plain.reward, weights={"T": 1, "F": 0.5, "O": 0}))) == "0.5F+1T"
 
 
-def test_the_papers_curve_is_the_best_of_every_complete_block_of_20_episodes():
-    (curve,) = training_curve(read_groups([RESULTS / "one-critic"]))
-    returns = [float(row["return"]) for row in rows_of(RESULTS / "one-critic" / "episodes.csv")]
-    assert len(returns) == 1100 and len(curve.band.x) == 55
-    assert (curve.band.x[0], curve.band.x[-1]) == (20, 1100)
-    assert curve.band.mean[3] == max(returns[60:80]) and curve.band.mean[-1] == max(returns[1080:])
+def test_the_papers_curve_is_the_best_of_every_complete_block_of_20_episodes(tmp_path):
+    returns = np.random.default_rng(0).normal(size=1110).tolist()
+    write_run(tmp_path / "run", [("collision", earned) for earned in returns])
+    (curve,) = training_curve(read_groups([tmp_path]))
+    assert len(curve.band.x) == 55 and (curve.band.x[0], curve.band.x[-1]) == (20, 1100)
+    assert curve.band.mean[3] == max(returns[60:80]) and curve.band.mean[-1] == max(returns[1080:1100])
 
 
 def test_a_value_between_two_rows_is_the_earlier_one_and_there_is_none_before_or_after():
@@ -208,10 +237,11 @@ def test_the_trap_counts_cars_that_were_paid_for_staying_inside(tmp_path):
     assert "| 3 / 1 of 5 | +90, timeout after 10 steps |" in learning_table([summarise_group(group)])
 
 
-def test_the_trap_was_real_in_a_run_of_ours():
-    (group,) = read_groups([RESULTS / "general-seed1"])
-    trap = reward_trap(group.runs, group.exit_reward)
-    assert trap["above_exit_reward"] > 100 and trap["largest"]["outcome"] == "false_exit"
+def test_the_trap_was_real_in_runs_of_ours():
+    (sac,) = [group for group in read_groups([RESULTS / "algorithms.zip"]) if group.algo == "sac"]
+    trap = reward_trap(sac.runs, sac.exit_reward)
+    assert (trap["above_exit_reward"], trap["episodes"]) == (4386, 5000)
+    assert trap["largest"]["outcome"] == "collision" and trap["largest"]["return"] > 500
 
 
 def test_a_run_without_success_an_evaluation_or_even_an_episode_is_shown_without_a_nan(tmp_path):
@@ -222,40 +252,6 @@ def test_a_run_without_success_an_evaluation_or_even_an_episode_is_shown_without
     assert "nan" not in text.lower() and "0 / no success of 25" in text
     assert "- seed1: unfinished, 0 of 1000 episodes" in text and "0 of 2" in text
     assert not any("nan" in (tmp_path / "out" / f"{name}.csv").read_text() for name in ("per_step", "reached"))
-
-
-def test_a_restarted_run_counts_all_that_it_cost(tmp_path):
-    write_run(tmp_path / "seed0", [("collision", -50.0)] * 30, [(30, 0.0, 1)], seed=0)
-    write_run(tmp_path / "seed0" / "restart", [("success", 60.0)] * 10, [(10, 1.0, 1)], seed=1)
-    write_run(tmp_path / "seed1", [("success", 60.0)] * 10, [(10, 0.5, 1)], seed=1)
-    (group,) = read_groups([tmp_path])
-    first = summarise_run(group.runs[0])
-    assert (first["restarts"], first["episodes"], first["steps"], first["wall_s"]) == (1, 40, 400, 40.0)
-    assert first["budget_episodes"] == 1030 and first["best_policy"] == {
-        "episode": 40.0,
-        "success": 1.0,
-        "time_s": 20.0,
-    }
-    assert all(one < two for one, two in pairwise(group.runs[0].episodes["total_steps"]))
-    assert "seed0: unfinished, 40 of 1030 episodes; restarts after a collapse: 1" in learning_table(
-        [summarise_group(group)]
-    )
-
-
-def test_a_restart_that_does_worse_leaves_the_best_policy_where_it_was(tmp_path):
-    write_run(tmp_path / "seed0", [("success", 60.0)] * 30, [(20, 0.8, 1), (30, 0.0, 0)], seed=0)
-    write_run(tmp_path / "seed0" / "restart", [("collision", -50.0)] * 10, [(10, 0.5, 1)], seed=1)
-    (group,) = read_groups([tmp_path])
-    at = summarise_run(group.runs[0])
-    assert (at["best_policy"]["episode"], at["best_policy"]["success"], at["last_success"]) == (20.0, 0.8, 0.5)
-
-
-def test_a_run_of_attempts_has_no_policy_at_its_end(tmp_path):
-    judged = [(10, 1.0, 1), (20, 0.0, 0)]
-    for attempts in (1, 30):
-        write_run(tmp_path / f"{attempts}", [("success", 60.0)] * 20, judged, attempts=attempts, seed=attempts)
-    last = {run.seed: summarise_run(run)["last_success"] for group in read_groups([tmp_path]) for run in group.runs}
-    assert last == {1: 0.0, 30: None}
 
 
 def test_a_run_under_way_is_read_up_to_its_last_whole_row(trained, tmp_path):

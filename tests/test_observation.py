@@ -1,4 +1,4 @@
-"""The encoder: scaling, raw values, mirroring, and what it refuses."""
+"""The encoder: scaling, raw values, and what it refuses."""
 
 from dataclasses import replace
 
@@ -82,23 +82,3 @@ def test_discrete_actions_are_the_papers_six():
     assert {round(c.steering_rad, 6) for c in commands} == {-0.6, 0.0, 0.6}
     with pytest.raises(ActionError, match=r"0\.\.5"):
         SPEC.decode_discrete(6)
-
-
-def test_mirroring_keeps_ahead_and_back_swaps_left_and_right_and_undoes_itself():
-    observation = np.arange(34, dtype=np.float32)
-    mirrored = SPEC.mirror(observation)
-    assert mirrored[0] == 0 and mirrored[16] == 16  # back, ahead
-    assert mirrored[12] == 20 and mirrored[20] == 12  # right, left
-    assert mirrored[32] == 32 and mirrored[33] == -33  # speed stays, steering turns round
-    assert np.array_equal(SPEC.mirror(mirrored), observation)
-
-
-@pytest.mark.parametrize("spec", [GUIDED, GUIDED_PAPER], ids=["wg", "wg_paper"])
-def test_the_mirrored_car_sees_the_waypoint_at_the_opposite_bearing(spec):
-    obs = np.arange(32) / 8
-    mirrored_obs = np.roll(obs[::-1], 1)
-    seen = reading(obs, Command(0.3, 0.2), Waypoint(2.0, 0.7))
-    mirrored = reading(mirrored_obs, Command(0.3, -0.2), Waypoint(2.0, -0.7))
-    assert np.array_equal(spec.mirror(spec.encode(seen)), spec.encode(mirrored))
-    batch = np.stack([spec.encode(seen)] * 3)
-    assert np.array_equal(spec.mirror(batch), np.stack([spec.encode(mirrored)] * 3))

@@ -17,6 +17,7 @@ from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
 from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.training.presets import TRAIN_PRESETS
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep, read_manifest, sweep_of
@@ -143,16 +144,12 @@ def test_a_sweep_may_grow_and_not_otherwise_change(tmp_path):
     assert sweep_of(read_manifest(tmp_path / "manifest.json")) == larger
 
 
-def test_the_car_of_a_sweep_trains_and_is_judged(tmp_path):
-    runs = open_sweep(Sweep(robot="long", preset="fast", rewards=("wg",)), tmp_path)
+def test_the_car_of_a_sweep_is_that_of_its_runs(tmp_path):
+    runs = open_sweep(Sweep(robot="long", rewards=("wg",)), tmp_path)
     (config,) = runs.values()
-    assert config.eval_task is not None
-    for task in (config.task, config.eval_task):
-        assert task.robot == "long" and task.observation.waypoint
+    assert config.task.robot == "long" and config.task.observation.waypoint
     with pytest.raises(ConfigError, match="robot were long, now zebrat"):
-        open_sweep(Sweep(preset="fast", rewards=("wg",)), tmp_path)
-    with pytest.raises(ConfigError, match="task and eval_task must have the same robot"):
-        open_sweep(Sweep(preset="fast", set=("task.robot=long",)), tmp_path / "other")
+        open_sweep(Sweep(rewards=("wg",)), tmp_path)
 
 
 def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp_path):
@@ -161,7 +158,8 @@ def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp
     (run / "config.json").write_text(to_json(config))
     open_sweep(Sweep(), tmp_path)
     settings = json.loads(to_json(config))
-    del settings["attempts"]  # as a version wrote it that did not know this setting
+    del settings["stop_at"]  # as a version wrote it that did not know this setting
+    settings["attempts"] = 1  # and had one that is gone
     (run / "config.json").write_text(json.dumps(settings))
     open_sweep(Sweep(), tmp_path)
     (run / "config.json").write_text(to_json(TrainConfig(episodes=7)))
@@ -241,9 +239,11 @@ def test_of_a_table_that_grows_only_whole_rows_are_read_and_of_its_end_only_thos
     assert read_rows(tmp_path / "none.csv") == []
 
 
-def test_a_presets_worlds_stay_unless_others_are_named(tmp_path):
-    (kept,) = open_sweep(Sweep(preset="fast"), tmp_path / "kept").items()
+def test_a_presets_worlds_stay_unless_others_are_named(tmp_path, monkeypatch):
+    several = TrainConfig(worlds=("big_track", "big_track", "track_3"))
+    monkeypatch.setitem(TRAIN_PRESETS, "several", several)
+    (kept,) = open_sweep(Sweep(preset="several"), tmp_path / "kept").items()
     assert kept[0].name == "ddpg-fomt-big_track+track_3-seed0"
-    assert kept[1].worlds == ("big_track", "big_track", "track_3")
-    (named,) = open_sweep(Sweep(preset="fast", worlds=("track_2",)), tmp_path / "named").values()
+    assert kept[1].worlds == several.worlds
+    (named,) = open_sweep(Sweep(preset="several", worlds=("track_2",)), tmp_path / "named").values()
     assert named.worlds == ("track_2",)

@@ -19,5 +19,9 @@ def add(command: AddCommand) -> None:
     """Add the command of this file."""
     made = command(curves)
     made.add_argument(
-        "folders", nargs="+", type=Path, metavar="FOLDER", help="run folders, or folders that hold some, such as runs"
+        "folders",
+        nargs="+",
+        type=Path,
+        metavar="FOLDER",
+        help="run folders, or folders or zip archives that hold some, such as runs",
     )

@@ -240,7 +240,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--world", default="big_track")
     made.add_argument("--agent", help="time this agent instead, in one episode")
     made.add_argument(
-        "--learning", metavar="PRESET", choices=("paper", "general", "fast"),
+        "--learning", metavar="PRESET", choices=("paper",),
         help="time learning with this preset's DDPG instead, beside Stable-Baselines3's own",
     )  # fmt: skip
     made.add_argument("--steps", type=int, default=1000)

@@ -155,7 +155,7 @@ def teleop(arguments: argparse.Namespace) -> Result:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(train, reward_options())
-    made.add_argument("--preset", choices=("paper", "general", "finetune", "fast"), default="paper")
+    made.add_argument("--preset", choices=("paper",), default="paper")
     made.add_argument(
         "--algo",
         choices=("ddpg", "dqn", "sac", "ppo", "ppo-discrete"),
@@ -182,9 +182,9 @@ def add(command: AddCommand) -> None:
     made = command(imitate)
     made.add_argument(
         "--demonstrations",
-        default="docs/results/demonstrations/oracle",
+        default="docs/results/demonstrations.zip",
         metavar="FOLDER",
-        help="episode records (default: those of this checkout)",
+        help="episode records, or a zip archive of them (default: those of this checkout)",
     )
     made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
     made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")

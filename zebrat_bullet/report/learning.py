@@ -13,10 +13,10 @@ from zebrat_bullet.report.learning_stats import summarise_group
 
 
 def write_report(folders: Iterable[Path], out: Path) -> tuple[list[dict[str, Any]], str]:
-    """Draw and tabulate every training run in or below the folders.
+    """Draw and tabulate every training run in or below the folders or zip archives.
 
     Args:
-        folders: run folders, or folders that hold some.
+        folders: run folders, or folders or zip archives that hold some.
         out: gets training_curve, per_step, per_hour and reached as PNG and CSV, and the table as learning.md and .json.
 
     Returns:
@@ -44,7 +44,7 @@ def write_report(folders: Iterable[Path], out: Path) -> tuple[list[dict[str, Any
 
 
 def learning_table(summaries: Sequence[Mapping[str, Any]]) -> str:
-    """Return one row a group, and a line for every run that is unfinished or was restarted (Markdown)."""
+    """Return one row a group, and a line for every run that is unfinished (Markdown)."""
     head = (
         "algorithm", "reward", "seeds", "episodes", "steps", "best score", "success of the best policy: mean",
         "IQM (95 %)", "at the end: IQM (95 %)", "seeds with any success", "time of successes, s", "wall time, h",
@@ -55,8 +55,7 @@ def learning_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         "",
         "Mean over seeds, ± the standard deviation. Best score: the highest return of a training episode; it means "
         "nothing across rewards. The best policy is the best of the run's noise-free evaluations, by those same "
-        "evaluations, so its success is optimistic; the policy at the end was not chosen (a run of attempts has none). "
-        "Where an evaluation ends with its first failure (eval_failures), success is the share driven before it.",
+        "evaluations, so its success is optimistic; the policy at the end was not chosen.",
         *_notes(summaries),
     ]
     return "\n".join(["| " + " | ".join(row) + " |" for row in rows] + notes)
@@ -99,15 +98,12 @@ def _iqm(at: Mapping[str, Any]) -> str:
 
 
 def _notes(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
-    lines = []
-    for at in summaries:
-        for run in at["runs"]:
-            what = (
-                [f"unfinished, {run['episodes']} of {run['budget_episodes']} episodes"] if not run["finished"] else []
-            )
-            what += [f"restarts after a collapse: {run['restarts']}"] if run["restarts"] else []
-            if what:
-                lines.append(f"- {Path(run['folder']).name}: {'; '.join(what)}")
+    lines = [
+        f"- {Path(run['folder']).name}: unfinished, {run['episodes']} of {run['budget_episodes']} episodes"
+        for at in summaries
+        for run in at["runs"]
+        if not run["finished"]
+    ]
     return ["", *lines] if lines else []
 
 

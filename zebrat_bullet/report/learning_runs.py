@@ -9,6 +9,7 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
@@ -19,8 +20,9 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.logs import read_rows
-from zebrat_bullet.training.run_folder import ATTEMPTS, is_finished
+from zebrat_bullet.training.run_folder import is_finished
 
 Table = dict[str, NDArray]
 """A CSV file by column: (N,) float64 and NaN where a cell is empty, or (N,) str for outcomes."""
@@ -35,15 +37,13 @@ _NO_SETTING = ("seed", "threads", "overlap", "checkpoint_every")
 
 @dataclass(frozen=True, slots=True)
 class TrainingRun:
-    """One seed's run. What a collapsed run was restarted as follows it in the same tables: its cost is the run's.
+    """One seed's run.
 
     Attributes:
-        folder: where it is.
-        seed: its first seed.
+        folder: where it is; of one in a zip archive, where it would be if that were a folder.
+        seed: of the run.
         budget: episodes that it was to last.
         finished: it came to its end.
-        attempts: how many it was to have (1: it is one); their rows are in the order of time.
-        restarts: how often the watchdog began it anew.
         episodes: columns episode, total_steps, wall_s, return, steps, and outcome (str), a row an episode.
         evaluations: columns episode, total_steps, wall_s, success, collision, fail, time_s, best, a row a noise-free
             evaluation; time_s is NaN where nothing succeeded.
@@ -53,8 +53,6 @@ class TrainingRun:
     seed: int
     budget: int
     finished: bool
-    attempts: int
-    restarts: int
     episodes: Table
     evaluations: Table
 
@@ -83,22 +81,26 @@ class RunGroup:
 
 
 def read_groups(folders: Iterable[Path]) -> list[RunGroup]:
-    """Return every run in or below the folders, grouped; sorted by reward, then algorithm.
+    """Return every run in or below the folders or zip archives, grouped; sorted by reward, then algorithm.
 
     Raises:
         ConfigError: there is no run, a file is not what it should be, or two folders hold the same settings and seed.
     """
-    roots = _find(folders)
-    settings = {root: _read_settings(root / "config.json") for root in roots}
+    settings: dict[Path, dict[str, Any]] = {}
+    read: dict[Path, TrainingRun] = {}
+    with ExitStack() as opened:
+        for path, place in sorted(_find(folders, opened).items()):
+            settings[path] = _read_settings(place / "config.json")
+            read[path] = _read_run(path, place, settings[path])
     alike: dict[tuple[str, str], dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
-    for root, config in settings.items():
+    for path, config in settings.items():
         names = reward_name(config["task"]), config.get("learner", {}).get("algo", "ddpg")  # once there was DDPG alone
-        alike[names][json.dumps(_compared(config), sort_keys=True)].append(root)
+        alike[names][json.dumps(_compared(config), sort_keys=True)].append(path)
     groups = []
     for (reward, algo), members in sorted(alike.items()):
         variants = _variants([(settings[paths[0]], paths) for paths in members.values()])
         for variant, paths in sorted(zip(variants, members.values(), strict=True)):
-            runs = sorted((_read_run(path, settings[path], roots[path]) for path in paths), key=lambda run: run.seed)
+            runs = sorted((read[path] for path in paths), key=lambda run: run.seed)
             _refuse_twins(runs)
             exit_reward = float(settings[paths[0]]["task"]["reward"]["success"])
             groups.append(RunGroup(algo, reward, variant, exit_reward, tuple(runs)))
@@ -120,23 +122,16 @@ def reward_name(task: dict[str, Any]) -> str:
     return name + "".join(changed)
 
 
-def _find(folders: Iterable[Path]) -> dict[Path, list[Path]]:
-    """Return the folders of runs, each with those of its restarts, which lie in it."""
-    found: set[Path] = set()
+def _find(folders: Iterable[Path], opened: ExitStack) -> dict[Path, Path]:
+    """Return where each run can be read, by where it is: another place if that is in an archive."""
+    found: dict[Path, Path] = {}
     for folder in folders:
-        here = {path.parent.resolve() for path in folder.rglob("config.json")}
-        here = {path for path in here if (path / "episodes.csv").is_file() and path.parent.name != ATTEMPTS}
+        place = opened.enter_context(as_folder(folder)).resolve()
+        here = [path.parent for path in place.rglob("config.json") if (path.parent / "episodes.csv").is_file()]
         if not here:
             raise ConfigError(f"no training run in {folder}: a run's folder holds config.json and episodes.csv")
-        found |= here
-    roots: dict[Path, list[Path]] = {}
-    for path in sorted(found):  # a folder comes before those in it
-        root = next((root for root in roots if root in path.parents), None)
-        if root is None:
-            roots[path] = []
-        else:
-            roots[root].append(path)
-    return roots
+        found |= {folder.resolve() / path.relative_to(place): path for path in here}
+    return found
 
 
 def _read_settings(path: Path) -> dict[str, Any]:
@@ -148,21 +143,15 @@ def _read_settings(path: Path) -> dict[str, Any]:
     return config
 
 
-def _read_run(folder: Path, config: dict[str, Any], restarts: Sequence[Path]) -> TrainingRun:
-    attempts = [folder, *restarts]
-    episodes = [_read_csv(path / "episodes.csv", _EPISODE_NUMBERS, ("outcome",)) for path in attempts]
-    evaluations = [_read_csv(path / "evaluations.csv", _EVALUATION_NUMBERS, ()) for path in attempts]
-    budget = config["episodes"] + sum(len(table["episode"]) for table in episodes[:-1])
+def _read_run(folder: Path, place: Path, config: dict[str, Any]) -> TrainingRun:
+    episodes = _read_csv(place / "episodes.csv", _EPISODE_NUMBERS, ("outcome",))
     return TrainingRun(
         folder=folder,
         seed=config["seed"],
-        budget=budget,
-        # Runs of older versions leave no summary.
-        finished=is_finished(attempts[-1]) or sum(len(t["episode"]) for t in episodes) >= budget,
-        attempts=config.get("attempts", 1),
-        restarts=len(restarts),
-        episodes=_one_after_the_other(episodes, episodes),
-        evaluations=_one_after_the_other(evaluations, episodes),
+        budget=config["episodes"],
+        finished=is_finished(place) or len(episodes["episode"]) >= config["episodes"],
+        episodes=episodes,
+        evaluations=_read_csv(place / "evaluations.csv", _EVALUATION_NUMBERS, ()),
     )
 
 
@@ -173,16 +162,6 @@ def _read_csv(path: Path, numbers: Sequence[str], texts: Sequence[str]) -> Table
         return table | {name: np.array([row[name] for row in rows], dtype=str) for name in texts}
     except (KeyError, ValueError) as error:
         raise ConfigError(f"{path} is not the log of a training run ({error!r}); leave its folder out") from error
-
-
-def _one_after_the_other(tables: Sequence[Table], episodes: Sequence[Table]) -> Table:
-    """Join the tables of a run and its restarts; episodes, steps and time count on from where the last one stopped."""
-    begin = dict.fromkeys(_WHERE, 0.0)
-    joined = []
-    for table, driven in zip(tables, episodes, strict=True):
-        joined.append(table | {name: table[name] + begin[name] for name in _WHERE})
-        begin = {name: begin[name] + float(max(driven[name], default=0.0)) for name in _WHERE}
-    return {name: np.concatenate([table[name] for table in joined]) for name in joined[0]}
 
 
 def _compared(config: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap, trim_mean
 
 from zebrat_bullet.report.learning_runs import RunGroup, Table, TrainingRun
-from zebrat_bullet.training.logs import rank
 
 
 def iqm(values: NDArray[np.float64], axis: int = -1) -> Any:
@@ -79,27 +78,24 @@ def summarise_run(run: TrainingRun) -> dict[str, Any]:
     episodes, judged = run.episodes, run.evaluations
     best = _best(judged)
     at_best = {name: None if best is None else _number(judged[name][best]) for name in ("episode", "success", "time_s")}
-    has_last = run.attempts == 1 and len(judged["success"])  # whichever attempt was judged last says nothing
     return {
         "folder": str(run.folder),
         "seed": run.seed,
         "finished": run.finished,
-        "restarts": run.restarts,
         "episodes": len(episodes["return"]),
         "budget_episodes": run.budget,
         "steps": int(max(episodes["total_steps"], default=0)),
         "wall_s": float(max([*episodes["wall_s"], *judged["wall_s"]], default=0.0)),
         "best_score": float(max(episodes["return"])) if len(episodes["return"]) else None,
         "best_policy": at_best,
-        "last_success": float(judged["success"][-1]) if has_last else None,
+        "last_success": float(judged["success"][-1]) if len(judged["success"]) else None,
     }
 
 
 def _best(judged: Table) -> int | None:
-    """Return which evaluation is that of the policy kept: the last of the best, a restart's included."""
+    """Return which evaluation is that of the policy kept: the last of the best."""
     kept = np.flatnonzero(judged["best"] == 1).tolist()
-    names = ("success", "collision", "time_s")
-    return max(kept, key=lambda i: (rank({name: _number(float(judged[name][i])) for name in names}), i), default=None)
+    return kept[-1] if kept else None
 
 
 def summarise_group(group: RunGroup) -> dict[str, Any]:

@@ -62,13 +62,6 @@ class SafetyRegion:
         self.range_m = self._ranges(beam_bearings(n_bearings)[self.indices]).astype(np.float32)
         self._n_bearings = n_bearings
 
-    @property
-    def is_symmetric(self) -> bool:
-        """Whether each bearing, the one straight back aside, has its mirror image on the other side."""
-        mirrored = np.roll(self.indices[::-1], 1)
-        same_bearing = np.array_equal(-self.indices % self._n_bearings, mirrored)
-        return same_bearing and np.allclose(self.range_m, np.roll(self.range_m[::-1], 1), atol=1e-6)
-
     def measure(self, scan: FlatScan) -> Clearance:
         """Return what the scan says along the region's bearings (V_obs), and whether any of it is a collision.
 

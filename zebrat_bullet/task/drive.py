@@ -111,8 +111,7 @@ class Drive:
         self.sim.close()
 
     def _draw_pose(self, rng: np.random.Generator) -> Pose2:
-        start = self.config.episode.start
-        if start == "anywhere" or (start == "both" and rng.random() < 0.5):
+        if self.config.episode.start == "anywhere":
             return anywhere_pose(self.world, self.robot, rng)
         return start_pose(self.world, rng)
 

@@ -166,14 +166,6 @@ class ObservationSpec:
         speed, steering = DISCRETE_COMMANDS[int(action)]
         return Command(speed * self.max_speed_mps, steering * self.max_steering_rad)
 
-    def mirror(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return (..., size) observations as seen by the left-right mirrored car."""
-        rays = np.roll(observation[..., self.n_rays - 1 :: -1], 1, axis=-1)
-        # Speed and steering, distance and bearing: of each pair the second turns round.
-        pairs = observation[..., self.n_rays :]
-        signs = np.resize(np.array([1.0, -1.0], dtype=observation.dtype), pairs.shape[-1])
-        return np.concatenate([rays, pairs * signs], axis=-1)
-
 
 def observation_spec(task: TaskConfig, region: SafetyRegion, raw: bool = False) -> ObservationSpec:
     """Return what a task observes with the bearings of a region."""

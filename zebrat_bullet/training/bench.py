@@ -114,7 +114,7 @@ def _plain(config: TrainConfig) -> DDPG:
 
 def _ours(config: TrainConfig) -> OffPolicyAlgorithm:
     env = make_vec_env(config.n_envs, config.overlap, world=list(config.worlds), task=config.task)
-    model = build_learner(config, env, ZebratEnv(config.worlds, task=config.task).spec_observation)
+    model = build_learner(config, env)
     assert isinstance(model, OffPolicyAlgorithm)
     learn_meanwhile(model, env)
     return model

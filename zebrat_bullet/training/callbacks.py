@@ -4,7 +4,6 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,29 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
-from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
 from zebrat_bullet.errors import SimulationError
-from zebrat_bullet.evaluation.metrics import Score, score
+from zebrat_bullet.evaluation.metrics import score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
-from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.learners import critic_values, exploration, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog
 from zebrat_bullet.world import World
 
 RECENT = 20
+EVALUATION_SEED = 1_000_000
 N_PROBES, PROBE_EVERY = 64, 4
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a run stands: finished episodes (or attempts) of all, steps a second, success rate of the last episodes."""
+    """Where a run stands: finished episodes of all, steps a second, success rate of the last episodes."""
 
     episode: int
     n_episodes: int
@@ -57,9 +55,6 @@ class RunCallback(BaseCallback):
         provenance: what an exported policy says of its origin.
         on_progress: told after every episode.
         state: what the checkpoint of a resumed run says; empty for a new one.
-
-    Attributes:
-        collapse: the collapse that ended the run for a restart, None if none did.
     """
 
     def __init__(
@@ -87,7 +82,6 @@ class RunCallback(BaseCallback):
             log.cut_after(self._episode)
         self._watchdog = Watchdog(config.watchdog, state.get("watchdog"))
         self._probes: list[list[float]] = state.get("probes", [])
-        self.collapse: Finding | None = None
         self._good_enough = False
         # What a fine-tuning begins with is judged, and kept unless something no worse is found.
         self._due: set[str] = {"evaluation", "checkpoint"} if config.init and not state else set()
@@ -103,7 +97,7 @@ class RunCallback(BaseCallback):
         for i, info in enumerate(self.locals["infos"]):
             if "outcome" in info:
                 self._finish_episode(i, info)
-        return self._share_done() < 1.0 and self.collapse is None and not self._good_enough
+        return self._share_done() < 1.0 and not self._good_enough
 
     def _on_rollout_start(self) -> None:
         """Evaluate and save here, where nothing is under way: the learner has stored what the last actions did."""
@@ -180,67 +174,36 @@ class RunCallback(BaseCallback):
     def _evaluate(self) -> None:
         self._refuse_non_finite()
         self._evaluated_at = self._episode
-        best = False
-        found: list[tuple[Score, list[EpisodeRecord]]] = []
-        for in_place in self._ways():
-            with in_place():
-                agent = self._agent("best")
-                records = self._drive(agent)
-                found.append((self._score(records), records))
-                reached = rank(found[-1][0].as_dict())
-                if self._best is None or reached >= self._best:  # of equals, the longer trained
-                    self._best = reached
-                    save_policy(agent, self._folder / "best.safetensors")
-                    self.model.save(self._folder / "best.zip")
-                    best = True
-            if self._config.stop_at is not None and found[-1][0].success >= self._config.stop_at:
-                self._good_enough = True
-                break
-        averaged = len(found) > 1 and rank(found[1][0].as_dict()) > rank(found[0][0].as_dict())
-        result = found[averaged][0]
-        row = {name: getattr(result, name) for name in ("success", "collision", "fail", "time_s")}
+        agent = self._agent("best")
+        records = [
+            run_episode(self._judge, agent, self._config.seed + EVALUATION_SEED, episode, world)
+            for world in self._eval_worlds
+            for episode in range(self._config.eval_episodes)
+        ]
+        result = score(records)
+        reached = rank(result.as_dict())
+        best = self._best is None or reached >= self._best  # of equals, the longer trained
+        if best:
+            self._best = reached
+            save_policy(agent, self._folder / "best.safetensors")
+            self.model.save(self._folder / "best.zip")
+        self._good_enough = self._config.stop_at is not None and result.success >= self._config.stop_at
         where = {"episode": self._episode, "total_steps": self.num_timesteps, "wall_s": round(self._wall_s(), 2)}
-        self._evaluations.append(where | row | {"averaged": int(averaged), "best": int(best)})
+        row = {name: getattr(result, name) for name in ("success", "collision", "fail", "time_s")}
+        self._evaluations.append(where | row | {"best": int(best)})
         self.logger.record("evaluation/success", result.success)
         self.logger.record("evaluation/collision", result.collision)
-        self._watch(found[0][1])
-
-    def _ways(self) -> list[Callable[[], AbstractContextManager[None]]]:
-        """Return what is to be judged: the policy as it is and, if the run averages, as it is on average."""
-        settings = self._config.learner
-        if isinstance(self.model, PaperDDPG) and isinstance(settings, DDPGConfig) and settings.average:
-            return [nullcontext, self.model.averaged]
-        return [nullcontext]
-
-    def _drive(self, agent: Agent) -> list[EpisodeRecord]:
-        """Drive the evaluation's episodes, up to the last of `eval_failures` that fail."""
-        records: list[EpisodeRecord] = []
-        failures = 0
-        for world in self._eval_worlds:
-            for episode in range(self._config.eval_episodes):
-                records.append(run_episode(self._judge, agent, self._config.seed + 1_000_000, episode, world))
-                failures += records[-1].outcome != "success"
-                if failures == self._config.eval_failures:
-                    return records
-        return records
-
-    def _score(self, records: list[EpisodeRecord]) -> Score:
-        """Score an evaluation; the episodes that were not driven count as the last failure."""
-        n_episodes = len(self._eval_worlds) * self._config.eval_episodes
-        return score(records + records[-1:] * (n_episodes - len(records)))
+        self._watch(records)
 
     def _watch(self, records: list[EpisodeRecord]) -> None:
         """Name a collapse in the log, with the episode that shows it."""
         probe = None
         if len(self._probes) == N_PROBES:
             probe = CriticProbe(critic_values(self.model, np.array(self._probes, dtype=np.float32)))
-        share = min(self._share_done(), 1.0)
-        for finding in self._watchdog.examine(records, probe, share):
+        for finding in self._watchdog.examine(records, probe, min(self._share_done(), 1.0)):
             self._findings.append(finding.row(self._episode))
             if finding == self._watchdog.confirmed:
                 self._show(finding)
-                if self._config.watchdog.restarts and share < 1.0 and not self._good_enough:
-                    self.collapse = finding
 
     def _show(self, finding: Finding) -> None:
         """Keep the first episode that shows a lasting collapse, and say where it is."""

@@ -1,12 +1,12 @@
-"""The gradient step of DDPG (and of TD3, its kin) without autograd: the learner is what limits training.
+"""The gradient step of DDPG without autograd: the learner is what limits training.
 
-What it computes is what `stable_baselines3.TD3.train` does; where it is faster: the products between two hidden layers,
-nine tenths of the work, in bfloat16; no gradients of the critic's weights while the actor learns; fused Adam; target
-networks that follow in one call.
+What it computes is what Stable-Baselines3's `DDPG.train` does; where it is faster: the products between two hidden
+layers, nine tenths of the work, in bfloat16; no gradients of the critic's weights while the actor learns; fused Adam;
+target networks that follow in one call.
 """
 
 import torch
-from stable_baselines3 import TD3
+from stable_baselines3 import DDPG
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from torch import Tensor, nn
 from torch.optim.adam import adam
@@ -117,64 +117,50 @@ class _Adam:
 
 
 class DDPGUpdate:
-    """Gradient steps on the networks of a DDPG or TD3 model.
+    """Gradient steps on the networks of a DDPG model.
 
     Args:
         model: whose networks and optimizers these are; it may be saved and loaded as ever.
         precision: a key of `DTYPES`.
     """
 
-    def __init__(self, model: TD3, precision: str) -> None:
+    def __init__(self, model: DDPG, precision: str) -> None:
         dtype = DTYPES[precision]
         self._model = model
         self._actor, self._actor_target = _Mlp(model.actor.mu, dtype), _Mlp(model.actor_target.mu, dtype)
-        self._critics = [_Mlp(critic, dtype) for critic in model.critic.q_networks]
-        self._critic_targets = [_Mlp(critic, dtype) for critic in model.critic_target.q_networks]
+        self._critic, self._critic_target = (
+            _Mlp(critic.q_networks[0], dtype) for critic in (model.critic, model.critic_target)
+        )
         self._actor_adam, self._critic_adam = _Adam(model.actor.optimizer), _Adam(model.critic.optimizer)
-        self._features = model.actor.features_extractor  # fixed, and the same for all networks
 
     @torch.no_grad()
     def critic_step(self, batch: ReplayBufferSamples) -> Tensor:
-        """Fit the critics to r + gamma Q'(s', mu'(s')), for Q' the smallest of the target critics; return the loss."""
-        model = self._model
-        features_after = self._features(batch.next_observations)
-        target = torch.tanh(self._actor_target.forward(features_after))
-        if model.target_noise_clip > 0.0:
-            noise = torch.empty_like(target).normal_(0.0, model.target_policy_noise)
-            target = (target + noise.clamp_(-model.target_noise_clip, model.target_noise_clip)).clamp_(-1.0, 1.0)
-        after = torch.cat([features_after, target], 1)
-        q_after = self._critic_targets[0].forward(after)
-        for critic in self._critic_targets[1:]:
-            q_after = torch.minimum(q_after, critic.forward(after))
-        goal = batch.rewards + (1.0 - batch.dones) * model.gamma * q_after
-        now = torch.cat([self._features(batch.observations), batch.actions], 1)
-        loss = torch.zeros(())
-        for critic in self._critics:
-            error = critic.forward(now) - goal
-            loss += error.square().mean()
-            critic.backward(error * (2.0 / len(error)))
+        """Fit the critic to r + gamma Q'(s', mu'(s')) of the target networks; return the loss."""
+        after = batch.next_observations
+        action_after = torch.tanh(self._actor_target.forward(after))
+        q_after = self._critic_target.forward(torch.cat([after, action_after], 1))
+        goal = batch.rewards + (1.0 - batch.dones) * self._model.gamma * q_after
+        error = self._critic.forward(torch.cat([batch.observations, batch.actions], 1)) - goal
+        self._critic.backward(error * (2.0 / len(error)))
         self._critic_adam.step()
-        for critic in self._critics:
-            critic.changed()
-        return loss
+        self._critic.changed()
+        return error.square().mean()
 
     @torch.no_grad()
     def actor_step(self, observations: Tensor) -> None:
-        """Move the actor up the first critic's slope, and the targets after their networks."""
-        model = self._model
-        features = self._features(observations)
-        action = torch.tanh(self._actor.forward(features))
-        self._critics[0].forward(torch.cat([features, action], 1))
+        """Move the actor up the critic's slope, and the targets after their networks."""
+        action = torch.tanh(self._actor.forward(observations))
+        self._critic.forward(torch.cat([observations, action], 1))
         upwards = torch.full((len(action), 1), -1.0 / len(action))
-        slope = self._critics[0].slope(upwards, action.shape[1])
+        slope = self._critic.slope(upwards, action.shape[1])
         self._actor.backward(slope * (1.0 - action.square()))
         self._actor_adam.step()
         self._actor.changed()
-        followers, leaders = [self._actor_target, *self._critic_targets], [self._actor, *self._critics]
+        followers, leaders = (self._actor_target, self._critic_target), (self._actor, self._critic)
         torch._foreach_lerp_(
             [tensor for net in followers for tensor in net.tensors],
             [tensor for net in leaders for tensor in net.tensors],
-            model.tau,
+            self._model.tau,
         )
         for net in followers:
             net.changed()

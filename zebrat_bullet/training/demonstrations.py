@@ -1,4 +1,4 @@
-"""A data set of driving to imitate: a folder of ordinary episode records, recorded from any driver.
+"""A data set of driving to imitate: a folder (or a zip archive of one) of episode records, from any driver.
 
 Every `.npz` below the folder is one episode (`evaluation/records.py` documents each array). Row t pairs what the driver
 saw with what it did: `obs_m[t]` (and `command[t - 1]`, the last command, zero at t = 0) with `command[t]`. Beside a
@@ -20,6 +20,7 @@ from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_re
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
+from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
 from zebrat_bullet.world import load_world
 
@@ -115,7 +116,7 @@ def labels_path(record: Path) -> Path:
 
 
 def load_demonstrations(folder: Path) -> list[Demonstration]:
-    """Read a data set in the order of its file names.
+    """Read a data set, a folder or a zip archive of one, in the order of its file names.
 
     An episode without labels is copied only if it succeeded: what a driver did on its way into a wall is nothing to
     learn. With an expert's labels every episode counts, the failed ones most.
@@ -124,7 +125,8 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
         ConfigError: there is nothing to imitate, or the episodes differ in what was observed or commanded.
         ZebratError: a file is not an episode record, or its labels do not fit it.
     """
-    found = list(_demonstrations(folder))
+    with as_folder(folder) as place:
+        found = list(_demonstrations(place))
     if not found:
         raise ConfigError(
             f"{folder} holds no successful episode; record some with `zebrat demonstrate` or `zebrat teleop`"

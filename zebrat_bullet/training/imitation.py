@@ -40,7 +40,7 @@ class ImitationConfig:
     """One run of imitation learning.
 
     Attributes:
-        demonstrations: folder of episode records.
+        demonstrations: folder of episode records, or a zip archive of one.
         iterations: DAgger iterations after behaviour cloning; 0 is the paper's imitation learning.
         expert: who labels in DAgger: an agent's name, policy file or run folder.
         beta: in iteration i the expert drives a step with probability beta ** i, else the learner.

@@ -12,9 +12,7 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
-from zebrat_bullet.training.replay import MirrorReplayBuffer
 from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig, TrainConfig
-from zebrat_bullet.training.standardise import Standardise
 
 
 class PaperDQN(RunBudget, DQN):
@@ -39,7 +37,7 @@ DISCRETE = frozenset({"dqn", "ppo-discrete"})
 """Algorithms that choose among the six discrete actions."""
 
 
-def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -> BaseAlgorithm:
+def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     """Return an untrained learner for a vectorised environment."""
     settings = config.learner
     common = {"env": env, "seed": config.seed, "device": "cpu", "gamma": settings.gamma}
@@ -64,17 +62,14 @@ def build_learner(config: TrainConfig, env: Any, observation: ObservationSpec) -
         "train_freq": ROLLOUT_STEPS,
         "gradient_steps": 0,  # they are done while the environments step: see vec_env.py
     }
-    model = _build_off_policy(settings, common, network, observation)
+    model = _build_off_policy(settings, common, network)
     if isinstance(model, RunBudget):
         model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
     return model
 
 
 def _build_off_policy(
-    settings: DDPGConfig | DQNConfig | SACConfig,
-    common: dict[str, Any],
-    network: dict[str, Any],
-    observation: ObservationSpec,
+    settings: DDPGConfig | DQNConfig | SACConfig, common: dict[str, Any], network: dict[str, Any]
 ) -> BaseAlgorithm:
     if isinstance(settings, DQNConfig):
         return PaperDQN(
@@ -87,19 +82,9 @@ def _build_off_policy(
             exploration_final_eps=0.0,
             exploration_fraction=1.0,
         )
-    seen = {"observation": observation, "mirror": settings.mirror, "reward_scale": settings.reward_scale}
-    common |= {"replay_buffer_class": MirrorReplayBuffer, "replay_buffer_kwargs": seen}
     if isinstance(settings, SACConfig):
         return SAC("MlpPolicy", **common, policy_kwargs=network, learning_rate=settings.lr)
-    network |= {"n_critics": settings.n_critics}
-    if settings.standardise:
-        network |= {"features_extractor_class": Standardise}
-    model = PaperDDPG("MlpPolicy", **common, policy_kwargs=network, settings=settings)
-    # SB3's DDPG is its TD3 with these switched off; a clip of 0 is no noise, but the sigma itself must be above 0.
-    model.policy_delay = settings.policy_delay
-    model.target_policy_noise = settings.target_noise or model.target_policy_noise
-    model.target_noise_clip = 2.5 * settings.target_noise
-    return model
+    return PaperDDPG("MlpPolicy", **common, policy_kwargs=network, settings=settings)
 
 
 def exploration(model: BaseAlgorithm) -> float | None:
@@ -114,8 +99,6 @@ def to_agent(
     networks, head = _policy_networks(model)
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    if isinstance(model, PaperDDPG) and isinstance(model.actor.features_extractor, Standardise):
-        layers[0] = model.actor.features_extractor.fold(*layers[0])
     return PolicyAgent(name, layers, observation, provenance, head)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 EPISODE_COLUMNS = (
     "episode", "total_steps", "wall_s", "env", "world", "outcome", "return", "steps", "epsilon",
 )  # fmt: skip
-EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "averaged", "best")
+EVALUATION_COLUMNS = ("episode", "total_steps", "wall_s", "success", "collision", "fail", "time_s", "best")
 
 
 def rank(evaluation: Mapping[str, Any]) -> tuple[float, float, float]:

@@ -2,14 +2,12 @@
 
 import json
 import platform
-import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
@@ -18,24 +16,13 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from zebrat_bullet.config import TaskConfig, from_json, to_json
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.robot import load_robot
-from zebrat_bullet.sensing.safety_region import make_region
-from zebrat_bullet.training.attempts import run_attempts
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
-from zebrat_bullet.training.run_folder import (
-    POLICY_FILES,
-    RESTART,
-    SUMMARY,
-    has_checkpoint,
-    is_finished,
-    summarise,
-)
+from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import TrainConfig, require_init
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
-from zebrat_bullet.world import World, load_world
-from zebrat_bullet.world.generate import generate_track
+from zebrat_bullet.world import load_world
 
 STEPS_WITHOUT_END = 10**9
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
@@ -50,23 +37,17 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
         on_progress: told after every episode.
 
     Raises:
-        ConfigError: the folder holds a run already, there is no such world or model to begin with, or transitions of a
-            lopsided car would be mirrored.
+        ConfigError: the folder holds a run already, or there is no such world or model to begin with.
     """
     if has_checkpoint(folder) or is_finished(folder) or any((folder / name).exists() for name in POLICY_FILES):
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
-    if getattr(config.learner, "mirror", False):
-        _require_symmetry(config.task)
     for name in {*config.worlds, *config.eval_worlds}:
         load_world(name)
     require_init(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
-    if config.attempts > 1:
-        run_attempts(config, folder, on_progress)
-    else:
-        _run(config, folder, on_progress, resume=False)
+    _run(config, folder, on_progress, resume=False)
     _finish(folder)
 
 
@@ -80,18 +61,7 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     require_run(folder)
     if is_finished(folder):
         return
-    again = folder / RESTART
-    config = from_json(TrainConfig, (folder / "config.json").read_text())
-    if config.attempts > 1:
-        run_attempts(config, folder, on_progress)
-    elif has_checkpoint(again) or is_finished(again):
-        resume(again, on_progress)
-    elif (again / "config.json").is_file():
-        restarted = from_json(TrainConfig, (again / "config.json").read_text())
-        shutil.rmtree(again)
-        train(restarted, again, on_progress)
-    else:
-        _run(config, folder, on_progress, resume=True)
+    _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
     _finish(folder)
 
 
@@ -106,24 +76,21 @@ def require_run(folder: Path) -> None:
 
 
 def _finish(folder: Path) -> None:
-    """Write the summary, whose presence says that the run is over; keep the best policy, be it a restart's."""
-    summary = summarise(folder)
-    if (again := folder / RESTART).exists() and summarise(again)["best"] == summary["best"]:
-        for name in POLICY_FILES:
-            shutil.copy2(again / name, folder / name)
+    """Write the summary, whose presence says that the run is over."""
     part = folder / "summary.part"
-    part.write_text(json.dumps(summary, indent=2))
+    part.write_text(json.dumps(summarise(folder), indent=2))
     part.replace(folder / SUMMARY)
 
 
 def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
     torch.set_num_threads(config.threads)
     algo = config.learner.algo
-    eval_worlds, train_worlds = _worlds(config)
+    train_worlds = [load_world(name) for name in config.worlds]
+    eval_worlds = [load_world(name) for name in config.eval_worlds] or train_worlds[:1]
     vec_env = make_vec_env(
-        config.n_envs, config.overlap, config.retries, world=train_worlds, task=config.task, discrete=algo in DISCRETE
+        config.n_envs, config.overlap, world=train_worlds, task=config.task, discrete=algo in DISCRETE
     )
-    judge = ZebratEnv(eval_worlds, task=_from_the_start(config.eval_task or config.task))
+    judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
     observation = judge.spec_observation
     try:
         if resume:
@@ -131,7 +98,7 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
             for i, place in enumerate(state["places"]):
                 vec_env.env_method("go_to", place, indices=i)
         else:
-            model, state = build_learner(config, vec_env, observation), {}
+            model, state = build_learner(config, vec_env), {}
             _begin_with(model, config.init)
         model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         if isinstance(model, OffPolicyAlgorithm):
@@ -142,11 +109,6 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     finally:
         vec_env.close()
         judge.close()
-    if callback.collapse is not None:
-        watchdog = replace(config.watchdog, restarts=config.watchdog.restarts - 1)
-        # A seed of its own: the next number is likely to be another run of the same sweep.
-        seed = int(np.random.SeedSequence([config.seed, config.watchdog.restarts]).generate_state(1)[0] >> 1)
-        train(replace(config, seed=seed, watchdog=watchdog), folder / RESTART, on_progress)
 
 
 def _begin_with(model: BaseAlgorithm, init: str) -> None:
@@ -157,31 +119,6 @@ def _begin_with(model: BaseAlgorithm, init: str) -> None:
         model.set_parameters(init, device="cpu")
     except (RuntimeError, ValueError) as error:
         raise ConfigError(f"{init} holds other networks than the settings of this run name: {error}") from error
-
-
-def _require_symmetry(task: TaskConfig) -> None:
-    region = make_region(load_robot(task.robot), task.region, task.lidar.n_bearings)
-    if not region.is_symmetric:
-        raise ConfigError(
-            f"mirror=true needs a car whose left is the mirror image of its right, as seen from its lidar; "
-            f"{task.robot!r} is not: set learner.mirror=false"
-        )
-
-
-def _worlds(config: TrainConfig) -> tuple[list[World], list[World]]:
-    """Return the worlds for evaluation and for training; the generated ones never overlap."""
-    rng_train, rng_eval = np.random.default_rng(config.seed).spawn(2)
-    shipped = {name: load_world(name) for name in {*config.worlds, *config.eval_worlds}}
-    train_worlds = [shipped[name] for name in config.worlds]
-    robot = load_robot(config.task.robot)
-    # Recorded runs must find their tracks again.
-    train_worlds += [
-        generate_track(rng_train, tightness=config.tightness, variety=False, robot=robot)
-        for _ in range(config.n_generated)
-    ]
-    eval_worlds = [shipped[name] for name in config.eval_worlds]
-    eval_worlds += [generate_track(rng_eval, variety=False, robot=robot) for _ in range(config.n_generated_eval)]
-    return eval_worlds or train_worlds[:1], train_worlds
 
 
 def _from_the_start(task: TaskConfig) -> TaskConfig:

@@ -4,20 +4,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.training.logs import rank, read_rows
+from zebrat_bullet.training.logs import read_rows
 
 POLICY_FILES = ("best.safetensors", "best.zip")
 ERROR = "error.txt"
 SUMMARY = "summary.json"
-RESTART = "restart"
-"""Folder within that of a collapsed run, in which the next seed was tried."""
-ATTEMPTS = "attempts"
-"""Folder within that of a run of several attempts, with one for each of them."""
 
 
 def has_checkpoint(folder: Path) -> bool:
     """Return whether the run in a folder can be resumed."""
-    return any((folder / name).is_dir() for name in ("checkpoint", "checkpoint.old", ATTEMPTS))
+    return any((folder / name).is_dir() for name in ("checkpoint", "checkpoint.old"))
 
 
 def is_finished(folder: Path) -> bool:
@@ -39,27 +35,13 @@ def evaluations(folder: Path) -> list[dict[str, str]]:
 
 
 def summarise(folder: Path) -> dict[str, Any]:
-    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy.
-
-    What a restart did is added; the numbers of the best policy count within the run that it is of.
-    """
+    """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
     episodes, judged = read_rows(folder / "episodes.csv"), evaluations(folder)
     best = [row for row in judged if row["best"] == "1"][-1]
-    summary: dict[str, Any] = {
+    return {
         "folder": str(folder),
         "episodes": len(episodes),
         "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
         "wall_s": float(judged[-1]["wall_s"]),
         "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
     }
-    if (folder / ATTEMPTS).exists():
-        attempts = list((folder / ATTEMPTS).iterdir())
-        summary |= {"attempts": len(attempts), "failed_attempts": sum((at / ERROR).is_file() for at in attempts)}
-    if is_finished(folder / RESTART):
-        again = summarise(folder / RESTART)
-        for key in ("episodes", "total_steps", "wall_s"):
-            summary[key] += again[key]
-        if rank(again["best"]) >= rank(summary["best"]):
-            summary["best"] = again["best"]
-        summary["restarted_in"] = again["folder"]
-    return summary

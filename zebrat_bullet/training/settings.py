@@ -6,7 +6,7 @@ from typing import Literal
 
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.watchdog import WatchdogConfig
+from zebrat_bullet.training.collapses import WatchdogConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,24 +15,11 @@ class DDPGConfig:
 
     Attributes:
         hidden: units of each hidden layer.
-        actor_lr, critic_lr: learning rates at the start.
-        lr_final: both fall linearly to this share of themselves over the run (1: constant, as in the paper).
+        actor_lr, critic_lr: learning rates.
         buffer_size, batch_size, gamma, tau: replay and targets.
-        n_critics: critics, of whose targets the smallest counts (1: DDPG, 2: as in TD3).
-        policy_delay: critic updates to an actor update (1: DDPG, 2: as in TD3).
-        target_noise: Gaussian smoothing of the target action (0: DDPG, 0.2: TD3), clipped at 2.5 sigma.
         warmup_steps: uniformly random steps before the first update.
         epsilon: probability of a uniformly random action at the start; falls linearly to 0 over the run.
-        hold_steps: a random action is kept for up to so many steps (1: DDPG of the paper); epsilon stays the share of
-            random steps. Single random steps of 0.2 s never swing wide before a tight corner; held ones do.
         sigma: Gaussian noise on the action otherwise, as a fraction of the limits.
-        mirror: half of each batch is seen left-right mirrored (the car and its reward are symmetric).
-        reward_scale: factor on the reward the learner sees; logs and records keep the paper's.
-        standardise: the networks see each number of the observation less its mean, over its deviation, both taken once
-            from the warm-up; an exported policy has it in its first layer. In a narrow passage most ranges differ by
-            few centimetres, of the 6 m that the observation spans.
-        average: evaluations also judge the actor with its weights averaged, exponentially over so many actor updates,
-            and the better of the two counts (0: they do not). At constant rates the average drives where others fail.
         precision: "bf16" computes the products of two hidden layers in bfloat16 (twice as fast where the processor has
             it), "fp32" as plain Stable-Baselines3 does. Weights and the rest are float32 either way.
     """
@@ -41,28 +28,20 @@ class DDPGConfig:
     hidden: tuple[int, ...] = (512, 512)
     actor_lr: float = 1e-4
     critic_lr: float = 2e-4
-    lr_final: float = 1.0
     buffer_size: int = 200_000
     batch_size: int = 64
     gamma: float = 0.99
     tau: float = 0.005
-    n_critics: int = 1
-    policy_delay: int = 1
-    target_noise: float = 0.0
     warmup_steps: int = 200
     epsilon: float = 0.8
-    hold_steps: int = 1
     sigma: float = 0.1
-    mirror: bool = False
-    reward_scale: float = 1.0
-    standardise: bool = False
-    average: int = 0
     precision: Literal["fp32", "bf16"] = "bf16"
 
     def __post_init__(self) -> None:
-        _at_least_one(self, "buffer_size", "batch_size", "n_critics", "policy_delay", "warmup_steps", "hold_steps")
-        _not_negative(self, "average", "sigma", "target_noise")
-        _shares(self, "lr_final", "gamma", "tau", "epsilon")
+        _at_least_one(self, "buffer_size", "batch_size", "warmup_steps")
+        _shares(self, "gamma", "tau", "epsilon")
+        if self.sigma < 0:
+            raise ConfigError(f"sigma must be at least 0, got {self.sigma}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +74,7 @@ class SACConfig:
     """SAC with a learned temperature; what the paper leaves open is as in its DDPG.
 
     Attributes:
-        hidden, buffer_size, batch_size, gamma, tau, warmup_steps, mirror, reward_scale: as in `DDPGConfig`.
+        hidden, buffer_size, batch_size, gamma, tau, warmup_steps: as in `DDPGConfig`.
         lr: learning rate of actor, critics and temperature.
     """
 
@@ -107,8 +86,6 @@ class SACConfig:
     gamma: float = 0.99
     tau: float = 0.005
     warmup_steps: int = 200
-    mirror: bool = False
-    reward_scale: float = 1.0
 
     def __post_init__(self) -> None:
         _at_least_one(self, "buffer_size", "batch_size", "warmup_steps")
@@ -153,83 +130,54 @@ class TrainConfig:
     Attributes:
         learner: the algorithm and its settings.
         worlds: worlds of the training episodes, by name or file; each episode draws one.
-        n_generated: so many generated tracks join them.
-        tightness: share of tight turns among the generated tracks' turns.
         episodes: length of the run; schedules end with it.
         steps: length in environment steps, None for no such limit; whichever limit comes first ends run and schedules.
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
             best model); empty to begin anew. It is judged first (which ends the run if it reaches `stop_at`), and
             stays the best policy unless one is found that is no worse. Zips unpickle: name only files of your own.
-        attempts: the run is so many runs, of seeds drawn from its own, side by side on the cores there are; the first
-            to reach `stop_at` ends it, and the best is the result. Each has the length that `episodes` and `steps`
-            say, all together that of `max_minutes`.
-        seed: of networks, exploration, generated tracks and start poses.
+        seed: of networks, exploration and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
-        retries: an episode that ended in a collision or a stall is tried so many times again, from a pose that the car
-            had 1 to 5 s before; each try counts as an episode.
         overlap: step the environments in processes of their own while the learner updates. The result is the same to
             the last bit; it pays where a second core is idle.
         threads: torch threads.
         eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world. PPO is
             judged and saved between two rollouts only, so it waits for the end of one (2,048 steps).
-        eval_failures: after so many failed episodes the rest of an evaluation counts as failed, undriven; None: never.
-            With 1, a run can afford to look often for a policy that never fails.
         eval_worlds: where; empty for the training worlds' first.
-        n_generated_eval: so many generated tracks, never trained on, join them.
-        eval_task: the task of the evaluations, where it is another than that of the training; from the start always.
         stop_at: the run ends with the first evaluation of this success rate; None for never.
         checkpoint_every: episodes between checkpoints, the most a killed run loses.
         watchdog: when a run that does not learn is named.
-        task: the task driven.
+        task: the task driven; evaluations begin at the world's start wherever training does.
     """
 
     learner: Learner = field(default_factory=DDPGConfig)
     worlds: tuple[str, ...] = ("big_track",)
-    n_generated: int = 0
-    tightness: float = 0.6
     episodes: int = 1000
     steps: int | None = None
     max_minutes: float | None = None
     init: str = ""
-    attempts: int = 1
     seed: int = 0
     n_envs: int = 1
-    retries: int = 0
     overlap: bool = False
     threads: int = 1
     eval_every: int = 50
     eval_episodes: int = 4
-    eval_failures: int | None = None
     eval_worlds: tuple[str, ...] = ()
-    n_generated_eval: int = 0
-    eval_task: TaskConfig | None = None
     stop_at: float | None = None
     checkpoint_every: int = 50
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
 
     def __post_init__(self) -> None:
-        _at_least_one(
-            self, "episodes", "attempts", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every"
-        )
-        _not_negative(self, "retries", "n_generated", "n_generated_eval")
-        _shares(self, "tightness")
+        _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         if self.stop_at is not None:
             _shares(self, "stop_at")
-        if self.eval_failures is not None:
-            _at_least_one(self, "eval_failures")
-        judged = self.eval_task or self.task
-        if (judged.robot, judged.observation) != (self.task.robot, self.task.observation):
-            raise ConfigError("task and eval_task must have the same robot and observation: set both")
-        if not self.worlds and not self.n_generated:
-            raise ConfigError("nothing to train on: name worlds, or set n_generated above 0")
+        if not self.worlds:
+            raise ConfigError("nothing to train on: name at least one world")
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
         if self.max_minutes is not None and self.max_minutes <= 0:
             raise ConfigError(f"max_minutes must be above 0, or null for no such limit; got {self.max_minutes}")
-        if self.attempts > 1 and self.watchdog.restarts:
-            raise ConfigError("a run of several attempts has no use for watchdog.restarts: set one of the two")
 
 
 def require_init(config: TrainConfig) -> None:
@@ -246,12 +194,6 @@ def _at_least_one(config: object, *names: str) -> None:
     for name in names:
         if getattr(config, name) < 1:
             raise ConfigError(f"{name} must be at least 1, got {getattr(config, name)}")
-
-
-def _not_negative(config: object, *names: str) -> None:
-    for name in names:
-        if getattr(config, name) < 0:
-            raise ConfigError(f"{name} must be at least 0, got {getattr(config, name)}")
 
 
 def _shares(config: object, *names: str) -> None:

@@ -31,7 +31,6 @@ def run_locally(
     workers: int | None,
     retries: int,
     on_tick: Callable[[], None] = lambda: None,
-    is_over: Callable[[], bool] = lambda: False,
 ) -> None:
     """Take every run to its end, so many at a time; a run whose process dies goes on from its checkpoint.
 
@@ -42,7 +41,6 @@ def run_locally(
         workers: runs at a time; None for as many as there are cores for.
         retries: how often a run whose process dies is taken up again.
         on_tick: called about once a second.
-        is_over: asked about once a second; when it says so, runs under way are ended where they are.
 
     Raises:
         ConfigError: fewer than one worker was asked for.
@@ -55,7 +53,7 @@ def run_locally(
     deaths: Counter[Path] = Counter()
     working: dict[Path, subprocess.Popen[str]] = {}
     try:
-        while (queue or working) and not is_over():
+        while queue or working:
             for run in list(queue):
                 if len(working) < workers and not is_claimed(run):
                     queue.remove(run)

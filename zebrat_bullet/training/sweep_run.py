@@ -56,8 +56,6 @@ class RunStatus:
 
 def cores_of(config: TrainConfig) -> int:
     """Return how many cores a run keeps busy."""
-    if config.attempts > 1:
-        return len(os.sched_getaffinity(0))
     return config.threads + (config.n_envs if config.overlap else 0)
 
 
