@@ -9,7 +9,21 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "zebrat_bullet"
 ORDER = [
-    *("errors", "arrays", "types", "config", "geometry", "assets", "robot", "world", "planning", "sim", "sensing", "task", "planar"),
+    *(
+        "errors",
+        "arrays",
+        "types",
+        "config",
+        "geometry",
+        "assets",
+        "robot",
+        "world",
+        "planning",
+        "sim",
+        "sensing",
+        "task",
+        "planar",
+    ),
     *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
     *("pytest_plugin", "cli"),
 ]

@@ -6,8 +6,8 @@ What is written over these arrays has a leading axis of cars, N of them; one car
 from types import ModuleType
 from typing import Any
 
+import array_api_compat
 import numpy as np
-from array_api_compat import array_namespace, device
 from numpy.typing import NDArray
 
 Array = Any
@@ -16,8 +16,13 @@ Array = Any
 
 def namespace(array: Array) -> ModuleType:
     """Return the library of an array, under the names of the array API standard."""
-    module: ModuleType = array_namespace(array)
+    module: ModuleType = array_api_compat.array_namespace(array)
     return module
+
+
+def device_of(array: Array) -> Any:
+    """Return where an array is, as its library names it."""
+    return array_api_compat.device(array)
 
 
 def like(values: NDArray, array: Array) -> Array:
@@ -25,7 +30,7 @@ def like(values: NDArray, array: Array) -> Array:
     if isinstance(array, np.ndarray):
         return values.astype(array.dtype, copy=False) if values.dtype.kind == "f" else values
     kept = {"dtype": array.dtype} if values.dtype.kind == "f" else {}
-    return namespace(array).asarray(values, device=device(array), **kept)
+    return namespace(array).asarray(values, device=device_of(array), **kept)
 
 
 def on_host(array: Array) -> NDArray:

@@ -86,7 +86,13 @@ class PlanarVectorEnv(VectorEnv):
         outcome = on_host(step.outcome)
         ended = outcome > 0
         terminated = TERMINAL[outcome]
-        return on_host(step.observation), on_host(step.reward), terminated, ended & ~terminated, self._info(step, outcome)
+        return (
+            on_host(step.observation),
+            on_host(step.reward),
+            terminated,
+            ended & ~terminated,
+            self._info(step, outcome),
+        )
 
     def on_device(self, actions: NDArray[np.float32]) -> Array:
         """Return actions where the cars are."""

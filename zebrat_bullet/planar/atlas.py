@@ -122,9 +122,7 @@ def bind(charts: Sequence[Chart]) -> Atlas:
     )
 
 
-def _distance(
-    points: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _distance(points: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (P, S) distances in m of (P, 2) points to the segments between (S, 2) ends."""
     along = b - a
     part = ((points[:, None] - a) * along).sum(axis=-1) / (along * along).sum(axis=-1)

@@ -174,9 +174,7 @@ class PlanarDrive:
         outcome = self._rules.judge(sim.pose, sim.contact, clearance.collision, open_width)
         speed = sim.motion[:, 2]
         nearer = namespace(speed).zeros_like(speed)
-        terms = weighted_terms(
-            RewardInput(clearance, self.region, speed, commands, self.task.reward, nearer)
-        )
+        terms = weighted_terms(RewardInput(clearance, self.region, speed, commands, self.task.reward, nearer))
         reward = rewards(terms, outcome, self.task.reward)
         observation = self._observe()
         ended = np.flatnonzero(on_host(outcome))
@@ -250,4 +248,3 @@ class PlanarDrive:
         self._n_steps = state["n_steps"]
         self._rng.bit_generator.state = state["rng"]
         return self._observe()
-

@@ -255,9 +255,10 @@ def drive(
         yaw = yaw + turn
         free = free - (wp.abs(step) + wp.abs(turn) * car.farthest)
         if free <= 0.0:
-            free = _clear(
-                walls, world[i], wp.vec2(x - c * car.axle_x, y - s * car.axle_x), c, s, car, corners, sides
-            ) - car.margin
+            free = (
+                _clear(walls, world[i], wp.vec2(x - c * car.axle_x, y - s * car.axle_x), c, s, car, corners, sides)
+                - car.margin
+            )
             if free <= 0.0:
                 hit = wp.bool(True)
                 break
@@ -278,9 +279,7 @@ def _bearing(x: float, y: float):
 
 
 @wp.func
-def _blur(
-    true_range: float, car: CarData, channels: wp.array(dtype=float), state: wp.uint32
-):
+def _blur(true_range: float, car: CarData, channels: wp.array(dtype=float), state: wp.uint32):
     """What is left of a range by noise: the least of as many noisy returns as channels meet the wall at that range."""
     slot = int(true_range / car.reach * float(channels.shape[0]))
     n = channels[wp.min(slot, channels.shape[0] - 1)]

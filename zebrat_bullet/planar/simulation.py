@@ -163,7 +163,7 @@ def find_device(name: str) -> str:
     Raises:
         ConfigError: it is unknown, or not there; the message lists those there are.
     """
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
     wp.init()
     there = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     alias = "cuda:0" if name == "cuda" else name

@@ -69,7 +69,7 @@ class Car:
         self._client.resetBasePositionAndOrientation(self.body_id, com_world, turn)
 
     def drive(self, targets: WheelTargets, torque: float = 1.0, hinge_speed: float = 1.0) -> None:
-        """Set the motors, with factors on the wheels' torque and on the hinges' speed; they hold until the next call."""
+        """Set the motors until the next call, with factors on the wheels' torque and on the hinges' speed."""
         for joint, angle, effort in zip(self._hinges, targets.knuckle_rad, self._efforts, strict=False):
             self._client.setJointMotorControl2(
                 self.body_id,

@@ -12,10 +12,10 @@ def draw_dynamics(config: DynamicsConfig, rng: np.random.Generator, n: int) -> N
     ranges = np.array(
         [config.acceleration, config.steering_rate, config.steering_offset_rad, config.speed, config.delay_s]
     )
-    return rng.uniform(*ranges.T, size=(n, len(ranges)))
+    least, most = ranges.T
+    return rng.uniform(least, most, size=(n, len(ranges)))
 
 
 def draw_one(config: DynamicsConfig, rng: np.random.Generator) -> Dynamics:
     """Draw the dynamics of one car."""
     return Dynamics(*draw_dynamics(config, rng, 1)[0].tolist())
-

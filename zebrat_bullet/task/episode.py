@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, device, namespace
+from zebrat_bullet.arrays import Array, device_of, namespace
 from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import rotation_2d
@@ -118,11 +118,11 @@ class EpisodeRules:
         self._config = config
         self._lidar_xy = tuple(map(float, robot.lidar_xyz_base[:2]))
         xp = self._xp = namespace(poses)
-        n, alike = len(poses), {"dtype": poses.dtype, "device": device(poses)}
+        n, alike = len(poses), {"dtype": poses.dtype, "device": device_of(poses)}
         self._line = xp.full((n, 2, 2), math.nan, **alike)
-        self._max_steps = xp.full((n,), config.max_steps, dtype=xp.int32, device=device(poses))
-        self._step = xp.zeros((n,), dtype=xp.int32, device=device(poses))
-        self._out = xp.zeros((n,), dtype=xp.bool, device=device(poses))
+        self._max_steps = xp.full((n,), config.max_steps, dtype=xp.int32, device=device_of(poses))
+        self._step = xp.zeros((n,), dtype=xp.int32, device=device_of(poses))
+        self._out = xp.zeros((n,), dtype=xp.bool, device=device_of(poses))
         self._checked = xp.zeros((n, 2), **alike)
         self._past = xp.zeros((n,), **alike)
 
@@ -156,7 +156,7 @@ class EpisodeRules:
         checks = self._step % config.stall_steps == 0
         moved = xp.hypot(poses[:, 0] - self._checked[:, 0], poses[:, 1] - self._checked[:, 1])
         self._checked[...] = xp.where(checks[:, None], poses[:, :2], self._checked)
-        code = xp.zeros(contact.shape, dtype=xp.int8, device=device(contact))
+        code = xp.zeros(contact.shape, dtype=xp.int8, device=device_of(contact))
         code = xp.where(self._step >= self._max_steps, xp.full_like(code, Outcome.TIMEOUT.code), code)
         code = xp.where(checks & (moved < config.stall_distance_m), xp.full_like(code, Outcome.STALL.code), code)
         sees_open = open_width_m > config.open_width_m

@@ -147,7 +147,7 @@ class ObservationSpec:
         return Command(float(command.speed_mps[0]), float(command.steering_rad[0]))
 
     def decode_cars(self, actions: Array) -> Commands:
-        """Turn (N, 2) finite actions, in [-1, 1] (or SI where raw), into commands; beyond the limits they are clipped."""
+        """Turn (N, 2) finite actions, in [-1, 1] (SI where raw), into commands; beyond the limits they are clipped."""
         xp = namespace(actions)
         speed, steering = self.max_speed_mps, self.max_steering_rad
         by_speed, by_steering = (1.0, 1.0) if self.raw else (speed, steering)
