@@ -137,9 +137,11 @@ class EpisodeRules:
             max_steps: (K,) their time-outs in control steps.
         """
         self._line[cars], self._max_steps[cars] = open_lines, max_steps
-        self._step[cars], self._out[cars] = 0, False
-        self._checked[cars] = poses[:, :2]
-        self._past[cars] = self._beyond(poses, open_lines)[0]
+        self._step[cars], self._checked[cars] = 0, poses[:, :2]
+        # The middle of the car begins within; its lidar, ahead of it, may already have crossed the line.
+        within = self._beyond(poses[:, :2], open_lines)[0] <= 0
+        past, between = self._beyond(self._lidar(poses), open_lines)
+        self._past[cars], self._out[cars] = past, within & (past > 0) & between
 
     def judge(self, poses: Array, contact: Array, collision: Array, open_width_m: Array) -> Array:
         """Return the (N,) int8 codes of the outcomes after a control step; collision comes before open space.
@@ -174,19 +176,22 @@ class EpisodeRules:
 
     def _follow(self, poses: Array) -> Array:
         """Note which cars have crossed their line, and return how far past it, in m, each lidar is."""
-        past, between = self._beyond(poses, self._line)
+        past, between = self._beyond(self._lidar(poses), self._line)
         crossed = (past > 0) != (self._past > 0)
         self._out[...] = self._xp.where(crossed & between, past > 0, self._out)
         self._past[...] = past
         return past
 
-    def _beyond(self, poses: Array, lines: Array) -> tuple[Array, Array]:
-        """Return the distance in m of the lidars past their lines, and whether they are abreast of them."""
+    def _lidar(self, poses: Array) -> Array:
+        """Return the (K, 2) positions in m of the lidars of cars at (K, 3) poses."""
         xp = self._xp
         c, s, (x, y) = xp.cos(poses[:, 2]), xp.sin(poses[:, 2]), self._lidar_xy
-        from_end = xp.stack([poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y], axis=-1) - lines[:, 0]
-        along = lines[:, 1] - lines[:, 0]
-        length = xp.hypot(along[:, 0], along[:, 1])
+        return xp.stack([poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y], axis=-1)
+
+    def _beyond(self, points: Array, lines: Array) -> tuple[Array, Array]:
+        """Return how far in m (K, 2) points are past their (K, 2, 2) lines, and whether between the ends of these."""
+        from_end, along = points - lines[:, 0], lines[:, 1] - lines[:, 0]
+        length = self._xp.hypot(along[:, 0], along[:, 1])
         past = (along[:, 1] * from_end[:, 0] - along[:, 0] * from_end[:, 1]) / length
         at = (along[:, 0] * from_end[:, 0] + along[:, 1] * from_end[:, 1]) / length
         return past, (at > -LINE_MARGIN_M) & (at < length + LINE_MARGIN_M)
