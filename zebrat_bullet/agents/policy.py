@@ -73,19 +73,32 @@ class PolicyAgent:
 
     def action(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the (2,) float32 action in [-1, 1] for an encoded observation."""
-        output = self.output(observation)
-        if self.head == "argmax":
-            return np.array(DISCRETE_COMMANDS[int(output.argmax())], dtype=np.float32)
-        return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
+        return self._act(self.output(observation))
+
+    def actions(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the (N, 2) float32 actions in [-1, 1] for the encoded observations of N cars, (N, size)."""
+        hidden = observations
+        for weight, bias in self.layers[:-1]:
+            hidden = self._activate(hidden @ weight.T + bias)
+        weight, bias = self.layers[-1]
+        return self._act(hidden @ weight.T + bias)
 
     def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32."""
         hidden = observation
         for weight, bias in self.layers[:-1]:
-            hidden = weight @ hidden + bias
-            hidden = np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
+            hidden = self._activate(weight @ hidden + bias)
         weight, bias = self.layers[-1]
         return weight @ hidden + bias
+
+    def _activate(self, hidden: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
+
+    def _act(self, output: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the (..., 2) actions of (..., outputs) of the last layer."""
+        if self.head == "argmax":
+            return np.array(DISCRETE_COMMANDS, dtype=np.float32)[output.argmax(axis=-1)]
+        return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
 
 
 def _check(name: str, n_outputs: int, head: str, activation: str) -> None:

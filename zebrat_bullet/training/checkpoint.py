@@ -3,20 +3,33 @@
 import json
 import random
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.training.learners import LEARNERS
 
+ARRAYS = "arrays.npz"
 
-def save_checkpoint(folder: Path, model: BaseAlgorithm, state: dict[str, Any]) -> None:
-    """Write a checkpoint beside the last one and put it in its place only when it is complete."""
+
+def save_checkpoint(
+    folder: Path, model: BaseAlgorithm, state: dict[str, Any], arrays: Mapping[str, NDArray] | None = None
+) -> None:
+    """Write a checkpoint beside the last one and put it in its place only when it is complete.
+
+    Args:
+        folder: the checkpoint.
+        model: the learner.
+        state: what else to keep, as JSON.
+        arrays: and what of it are arrays.
+    """
     part, old = folder.with_suffix(".part"), folder.with_suffix(".old")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
@@ -24,6 +37,8 @@ def save_checkpoint(folder: Path, model: BaseAlgorithm, state: dict[str, Any]) -
     if isinstance(model, OffPolicyAlgorithm):
         model.save_replay_buffer(part / "replay.pkl")
     torch.save(torch.get_rng_state(), part / "torch_rng.pt")
+    if arrays is not None:
+        np.savez(part / ARRAYS, **arrays)  # type: ignore[arg-type]
     randomness = {
         "python": random.getstate(),
         "numpy": _numpy_state(),
@@ -62,6 +77,13 @@ def load_checkpoint(folder: Path, algo: str, env: Any) -> tuple[BaseAlgorithm, d
     model.action_space.np_random.bit_generator.state = randomness["actions"]
     torch.set_rng_state(torch.load(folder / "torch_rng.pt", weights_only=True))
     return model, state
+
+
+def load_arrays(folder: Path) -> dict[str, NDArray]:
+    """Return the arrays of a checkpoint that `load_checkpoint` has found."""
+    folder = folder if folder.exists() else folder.with_suffix(".old")
+    with np.load(folder / ARRAYS, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
 
 
 def _numpy_state() -> list[Any]:

@@ -12,6 +12,7 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
+from zebrat_bullet.training.ppo import RunPPO, ScaledRewards
 from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig, TrainConfig
 
 
@@ -28,8 +29,8 @@ LEARNERS: dict[str, type[BaseAlgorithm]] = {
     "ddpg": PaperDDPG,
     "dqn": PaperDQN,
     "sac": SAC,
-    "ppo": PPO,
-    "ppo-discrete": PPO,
+    "ppo": RunPPO,
+    "ppo-discrete": RunPPO,
 }
 ROLLOUT_STEPS = 16
 """Steps between two visits of the callback that evaluates and saves; SB3 does some work of its own at each, too."""
@@ -44,10 +45,15 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     common["batch_size"] = settings.batch_size
     network = {"net_arch": list(settings.hidden), "activation_fn": nn.ReLU, "optimizer_kwargs": {"fused": True}}
     if isinstance(settings, PPOConfig):
-        return PPO(
+        if settings.activation == "tanh":
+            network["activation_fn"] = nn.Tanh
+        if settings.reward_scale != 1.0:
+            common["env"] = ScaledRewards(env, settings.reward_scale)
+        return RunPPO(
             "MlpPolicy",
             **common,
-            policy_kwargs=network,
+            settings=settings,
+            policy_kwargs=network | {"log_std_init": settings.log_std_init},
             learning_rate=settings.lr,
             n_steps=settings.n_steps,
             n_epochs=settings.n_epochs,
@@ -99,7 +105,8 @@ def to_agent(
     networks, head = _policy_networks(model)
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    return PolicyAgent(name, layers, observation, provenance, head)
+    activation = "tanh" if any(isinstance(layer, nn.Tanh) for network in networks for layer in network.modules()) else "relu"
+    return PolicyAgent(name, layers, observation, provenance, head, activation)
 
 
 def _policy_networks(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:

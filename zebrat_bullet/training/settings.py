@@ -8,6 +8,9 @@ from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.collapses import WatchdogConfig
 
+VALIDATION_SEED = 800_000
+"""Generated tracks of seeds from here to `HELD_OUT_SEED` choose the best policy of a run."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DDPGConfig:
@@ -99,14 +102,21 @@ class PPOConfig:
     Attributes:
         algo: "ppo" or "ppo-discrete".
         hidden: units of each hidden layer, of policy and value alike.
+        activation: of the hidden layers.
         lr, batch_size, n_epochs, clip_range, ent_coef: the updates.
+        lr_final: the learning rate falls linearly to this share of itself over the run (1: constant).
         n_steps: steps of each environment before them.
         gamma, gae_lambda: returns and advantages.
+        reward_scale: factor on the reward that the learner sees; logs keep the task's.
+        log_std_init, least_std: standard deviation of the actions, as a fraction of the limits: its logarithm at the
+            start, and what it never falls below. Without noise a policy learns to shave walls.
     """
 
     algo: Literal["ppo", "ppo-discrete"] = "ppo"
     hidden: tuple[int, ...] = (512, 512)
+    activation: Literal["relu", "tanh"] = "relu"
     lr: float = 3e-4
+    lr_final: float = 1.0
     n_steps: int = 2048
     batch_size: int = 64
     n_epochs: int = 10
@@ -114,13 +124,50 @@ class PPOConfig:
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     ent_coef: float = 0.0
+    reward_scale: float = 1.0
+    log_std_init: float = 0.0
+    least_std: float = 0.0
 
     def __post_init__(self) -> None:
         _at_least_one(self, "n_steps", "batch_size", "n_epochs")
-        _shares(self, "gamma", "gae_lambda")
+        _shares(self, "gamma", "gae_lambda", "lr_final", "least_std")
 
 
 Learner = DDPGConfig | DQNConfig | SACConfig | PPOConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarConfig:
+    """What is particular to training on planar cars.
+
+    Attributes:
+        n_cars: cars side by side.
+        device: "cpu" or "cuda", where they drive.
+        n_tracks: generated tracks that join the run's worlds, of the seeds from 0 on.
+        tightness: share of tight turns among their turns.
+        margin_m: walls so near to the outline count as touched while it learns.
+        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and start poses in each, by which
+            the best policy is chosen; driven as trained, sensor and dynamics drawn at random, without exploration.
+        eval_every_steps: steps between two evaluations, and between two checkpoints.
+    """
+
+    n_cars: int = 1024
+    device: str = "cpu"
+    n_tracks: int = 2000
+    tightness: float = 0.8
+    margin_m: float = 0.02
+    n_eval_tracks: int = 250
+    n_eval_starts: int = 4
+    eval_every_steps: int = 500_000
+
+    def __post_init__(self) -> None:
+        _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
+        _shares(self, "tightness")
+        if not 0 <= self.n_tracks <= VALIDATION_SEED:
+            raise ConfigError(
+                f"planar.n_tracks must be 0 to {VALIDATION_SEED}, the seeds that are not kept for judging, "
+                f"got {self.n_tracks}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +193,9 @@ class TrainConfig:
         eval_worlds: where; empty for the training worlds' first.
         stop_at: the run ends with the first evaluation of this success rate; None for never.
         checkpoint_every: episodes between checkpoints, the most a killed run loses.
-        watchdog: when a run that does not learn is named.
+        watchdog: when a run that does not learn is named; only of runs in PyBullet.
+        planar: train on planar cars instead of PyBullet's; `n_envs`, `overlap`, `eval_every`, `eval_episodes`,
+            `eval_worlds` and `checkpoint_every` then have no meaning, and `worlds` may be empty.
         task: the task driven; evaluations begin at the world's start wherever training does.
     """
 
@@ -166,14 +215,15 @@ class TrainConfig:
     stop_at: float | None = None
     checkpoint_every: int = 50
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
+    planar: PlanarConfig | None = None
     task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
 
     def __post_init__(self) -> None:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         if self.stop_at is not None:
             _shares(self, "stop_at")
-        if not self.worlds:
-            raise ConfigError("nothing to train on: name at least one world")
+        if not self.worlds and not (self.planar and self.planar.n_tracks):
+            raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
         if self.max_minutes is not None and self.max_minutes <= 0:

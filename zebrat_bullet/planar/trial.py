@@ -1,0 +1,48 @@
+"""Drives planar cars from given starts to the ends of their episodes: how a policy is judged by the thousand."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.arrays import Array, like, on_host
+from zebrat_bullet.planar.drive import PlanarDrive
+
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""(N, size) observations in, (N, 2) actions out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """How N episodes ended.
+
+    Attributes:
+        outcome: (N,) int8, codes of `Outcome`.
+        n_steps: (N,) control steps that each took.
+    """
+
+    outcome: NDArray[np.int8]
+    n_steps: NDArray[np.int64]
+
+
+def drive_out(drive: PlanarDrive, act: Act, worlds: NDArray[np.int32], poses: NDArray[np.float64]) -> Trial:
+    """Drive every car of `drive` from its start until its episode is over.
+
+    Args:
+        drive: N cars.
+        act: the driver.
+        worlds: (N,) in which world each begins.
+        poses: (N, 3) where, world frame.
+    """
+    outcome = np.zeros(drive.n_cars, dtype=np.int8)
+    n_steps = np.zeros(drive.n_cars, dtype=np.int64)
+    observation: Array = drive.begin_at(worlds, poses)
+    step = 0
+    while not outcome.all():
+        step += 1
+        result = drive.step(like(act(on_host(observation)), observation))
+        observation = result.observation
+        first = result.ended[outcome[result.ended] == 0]
+        outcome[first], n_steps[first] = on_host(result.outcome)[first], step
+    return Trial(outcome, n_steps)
