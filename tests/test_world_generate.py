@@ -203,6 +203,10 @@ def test_a_hair_thin_hole_that_rounding_leaves_in_a_corridor_is_no_hole() -> Non
     assert generate_track(np.random.default_rng(218), variety=False, robot=ROBOT).free_space.is_valid
 
 
+def test_walls_that_geos_cannot_lay_are_refused_like_any_other_bad_draw() -> None:
+    assert generate_track(np.random.default_rng(2245), variety=False, robot=ROBOT).walls.is_valid
+
+
 def test_a_generated_track_whose_wall_touches_itself_in_a_point_is_refused() -> None:
     (world,) = generate_tracks([0])
     outline = shapely.Polygon([(0, 0), (4, 0), (4, 4), (0, 4)], [[(0, 0), (2, 1), (1, 2)]])
