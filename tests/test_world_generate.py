@@ -180,10 +180,11 @@ def test_a_varied_track_keeps_to_the_widths_and_lengths_of_a_plain_one(varied: l
 
 
 def test_the_walls_of_a_varied_track_are_whole_all_along_but_for_the_exit(varied: list[World]) -> None:
-    for world in varied:
+    # Rounding once lost a box of the last of these.
+    for world in [*varied, *generate_tracks([901_004])]:
         # Between two boxes 3 cm may be open, and a box may stand back 3 cm.
         open_m = world.free_space.boundary.difference(world.walls.buffer(0.05)).length
-        assert open_m < np.hypot(*np.diff(world.open_line, axis=0)[0]) + 1e-3, world.name
+        assert open_m < np.hypot(*np.diff(world.open_line, axis=0)[0]) - 0.1 + 2e-3, world.name
 
 
 def test_a_car_can_start_anywhere_along_a_varied_track(varied: list[World]) -> None:
