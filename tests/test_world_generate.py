@@ -180,10 +180,11 @@ def test_a_varied_track_keeps_to_the_widths_and_lengths_of_a_plain_one(varied: l
 
 
 def test_the_walls_of_a_varied_track_are_whole_all_along_but_for_the_exit(varied: list[World]) -> None:
-    for world in varied:
+    # Rounding once lost a box of the last of these.
+    for world in [*varied, *generate_tracks([901_004])]:
         # Between two boxes 3 cm may be open, and a box may stand back 3 cm.
         open_m = world.free_space.boundary.difference(world.walls.buffer(0.05)).length
-        assert open_m < np.hypot(*np.diff(world.open_line, axis=0)[0]) + 1e-3, world.name
+        assert open_m < np.hypot(*np.diff(world.open_line, axis=0)[0]) - 0.1 + 2e-3, world.name
 
 
 def test_a_car_can_start_anywhere_along_a_varied_track(varied: list[World]) -> None:
@@ -201,6 +202,10 @@ def test_without_variety_tracks_are_those_that_recorded_runs_learned_on() -> Non
 def test_a_hair_thin_hole_that_rounding_leaves_in_a_corridor_is_no_hole() -> None:
     # What this seed draws first had one outside of its own outline, and GEOS refused to go on.
     assert generate_track(np.random.default_rng(218), variety=False, robot=ROBOT).free_space.is_valid
+
+
+def test_walls_that_geos_cannot_lay_are_refused_like_any_other_bad_draw() -> None:
+    assert generate_track(np.random.default_rng(2245), variety=False, robot=ROBOT).walls.is_valid
 
 
 def test_a_generated_track_whose_wall_touches_itself_in_a_point_is_refused() -> None:

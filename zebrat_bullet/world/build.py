@@ -42,7 +42,11 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         track, open_line, free_space = _on_surfaces(spec, solids, source)
     else:
         track, open_line = _corridor(spec, source)
-        solids, free_space = wall_solids(track.free_space, open_line, spec.wall), track.free_space
+        free_space = track.free_space
+        try:
+            solids = wall_solids(free_space, open_line, spec.wall)
+        except shapely.GEOSException as error:
+            raise WorldError(f"{source}: walls cannot stand there ({error}); move a corner by a centimetre") from error
     _check_obstacles(spec, source)
     obstacles = [obstacle_solid(item, track) for item in spec.obstacles]
     # What hangs above the height band of the flat scan is meshed, but passes over the car.

@@ -18,7 +18,7 @@ from zebrat_bullet.world.load import default_robot
 from zebrat_bullet.world.solid import ExtrudedMesh
 from zebrat_bullet.world.track import course_m
 from zebrat_bullet.world.validate import check_closed, validate_world
-from zebrat_bullet.world.walls import exit_bares_walls
+from zebrat_bullet.world.walls import walls_are_whole
 from zebrat_bullet.world.world import World
 
 # Tracks of seeds from here on are never trained on: they are kept to measure what a policy makes of unknown ones.
@@ -70,7 +70,7 @@ def generate_track(
         except WorldError:
             continue
         assert world.open_line is not None
-        if not (variety and exit_bares_walls(world.free_space, world.open_line, spec.wall)):
+        if not variety or walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
             return world
     raise WorldError(f"{name}: length_m: no valid track of {length_m} m in {_MAX_TRIES} tries; widen the range")
 

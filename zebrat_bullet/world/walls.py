@@ -36,13 +36,18 @@ def _beyond(open_line: NDArray[np.float64], thickness: float) -> shapely.Polygon
     return shapely.Polygon([a, a + reach * out, b + reach * out, b])
 
 
-def exit_bares_walls(free_space: shapely.Polygon, open_line: NDArray[np.float64], wall: Wall) -> bool:
-    """Return whether what is cleared for the way out takes the wall of a leg beside it too, and leaves a hole there."""
-    setback = wall.boxes.setback_m if wall.boxes else 0.0
-    cleared = _beyond(open_line, wall.thickness_m).buffer(setback, join_style="mitre")
-    # The strip begins a hair before the open-space line, so that both walls there lose that much.
-    own = math.dist(*open_line) + 2 * (setback + _HAIR_M)
-    return bool(free_space.boundary.intersection(cleared).length > own + _HAIR_M)
+def walls_are_whole(
+    free_space: shapely.Polygon, walls: shapely.MultiPolygon, open_line: NDArray[np.float64], wall: Wall
+) -> bool:
+    """Return whether walls stand all along a free space but for its exit and the gaps between boxes.
+
+    What is cleared for the way out can take the wall of a leg beside it too, and rounding can lose a box.
+    """
+    boxes = wall.boxes
+    beside_m = 2 * _HAIR_M + (math.hypot(boxes.setback_m, boxes.gap_m[1] / 2) if boxes is not None else 0.0)
+    bare = free_space.boundary.difference(walls.buffer(beside_m))
+    # The walls reach so far into the exit from both its ends.
+    return bool(bare.length < math.dist(*open_line) - 2 * beside_m + _HAIR_M)
 
 
 def _box_row(
