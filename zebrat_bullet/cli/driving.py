@@ -163,7 +163,7 @@ def bench(arguments: argparse.Namespace) -> Result:
     elif arguments.agent:
         result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)}
     else:
-        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz)
+        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz, arguments.bearings)
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(result, indent=2))
@@ -246,3 +246,9 @@ def add(command: AddCommand) -> None:
     made.add_argument("--steps", type=int, default=1000)
     made.add_argument("--rounds", type=int, default=5, help="of --learning, each of so many --steps (default 5)")
     made.add_argument("--rate-hz", type=float, default=None, help="physics rate (default: the task's)")
+    made.add_argument(
+        "--bearings",
+        choices=("all", "region"),
+        default="all",
+        help="what a step casts: all, or what the region watches",
+    )

@@ -12,6 +12,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
 from zebrat_bullet.task.episode import EpisodeRules, anywhere_poses, open_lines, start_pose
@@ -95,8 +96,7 @@ class PlanarDrive:
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
         self.spec = observation_spec(task, self.region, raw)
-        n_bearings = task.lidar.n_bearings
-        sides = np.array([n_bearings // 4, 3 * n_bearings // 4])
+        sides = side_bearings(task.lidar.n_bearings)
         indices, places = np.unique(np.concatenate([self.region.indices, sides]), return_inverse=True)
         self._seen, self._sides = places[:-2], places[-2:]
         self._all_seen = len(indices) == len(self._seen) and bool((np.diff(self._seen) == 1).all())

@@ -216,7 +216,7 @@ class TrainConfig:
     checkpoint_every: int = 50
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     planar: PlanarConfig | None = None
-    task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
+    task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree", bearings="region")))
 
     def __post_init__(self) -> None:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
