@@ -151,6 +151,18 @@ class DynamicsConfig:
         return self == DynamicsConfig()
 
 
+VLP16_NOISE = NoiseConfig(range_sigma_m=0.008, dropout=0.01)
+"""The noise of the authors' lidar, and one return in a hundred lost."""
+RANDOM_DYNAMICS = DynamicsConfig(
+    acceleration=(0.7, 1.3),
+    steering_rate=(0.7, 1.3),
+    steering_offset_rad=(-0.02, 0.02),
+    speed=(0.9, 1.05),
+    delay_s=(0.0, 0.05),
+)
+"""Cars as they come: what a policy for a real one should bear."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FlattenConfig:
     """The height band, in m above the floor, whose points make the 2D scan."""

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from zebrat_bullet.config import (
-    DynamicsConfig,
+    RANDOM_DYNAMICS,
+    VLP16_NOISE,
     EpisodeConfig,
-    NoiseConfig,
     ObservationConfig,
     RewardConfig,
     TaskConfig,
@@ -76,14 +76,8 @@ _GENERAL = TrainConfig(
         observation=ObservationConfig(log_gaps=True),
         reward=RewardConfig(weights={"F": 1.0, "O": 0.1, "T": 1.0}, collision=-400.0, success=200.0),
         episode=EpisodeConfig(start="anywhere", max_steps=600),
-        noise=NoiseConfig(range_sigma_m=0.008, dropout=0.01),
-        dynamics=DynamicsConfig(
-            acceleration=(0.7, 1.3),
-            steering_rate=(0.7, 1.3),
-            steering_offset_rad=(-0.02, 0.02),
-            speed=(0.9, 1.05),
-            delay_s=(0.0, 0.05),
-        ),
+        noise=VLP16_NOISE,
+        dynamics=RANDOM_DYNAMICS,
     ),
 )
 
