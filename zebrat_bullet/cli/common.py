@@ -85,6 +85,8 @@ def task_of(arguments: argparse.Namespace) -> TaskConfig:
     """Return the task that the options describe."""
     task = with_reward(TaskConfig(robot=arguments.robot), arguments.reward)
     task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
+    if getattr(arguments, "anywhere", False):
+        task = replace(task, episode=replace(task.episode, start="anywhere"))
     if getattr(arguments, "randomise", False):
         task = replace(task, noise=VLP16_NOISE, dynamics=RANDOM_DYNAMICS)
     return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise)) if arguments.noise else task

@@ -247,8 +247,9 @@ def add(command: AddCommand) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="instead: N generated tracks that are never trained on, from --episodes places in each, on planar cars",
+        help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
     )
+    made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
     made.add_argument("--workers", type=int, help="processes (default: one a core)")
 

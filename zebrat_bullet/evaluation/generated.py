@@ -11,7 +11,7 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.metrics import wilson_interval
-from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.planar.drive import N_STARTS, PlanarDrive
 from zebrat_bullet.planar.trial import Trial, drive_out
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
@@ -23,7 +23,7 @@ class GeneratedScore:
     """How a policy did on generated tracks.
 
     Attributes:
-        tracks, starts: so many tracks, so many start poses anywhere along each.
+        tracks, starts: so many tracks, so many episodes in each.
         success, success_ci: share of the episodes, and its 95 % Wilson interval.
         worst_tenth: success on the tenth of the tracks where it is lowest.
         causes: episodes by outcome.
@@ -48,13 +48,13 @@ class GeneratedScore:
 def judge_generated(
     agent: str, seeds: Sequence[int], starts: int, task: TaskConfig, *, action_noise: float = 0.0, workers: int = 1
 ) -> GeneratedScore:
-    """Drive a policy out of one generated track for each seed, from several places.
+    """Drive a policy out of one generated track for each seed, several times.
 
     Args:
         agent: a policy's name, file or run folder.
         seeds: of the tracks.
-        starts: episodes in each.
-        task: the task; observation and start poses are the policy's and "anywhere".
+        starts: episodes in each, at most `N_STARTS`.
+        task: the task, which says where they begin; it shows what the policy observes.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes that draw the tracks.
 
@@ -62,8 +62,8 @@ def judge_generated(
         ConfigError: there are no seeds or starts.
         PolicyError: the agent is no policy, or observes something else than this task shows.
     """
-    if not seeds or starts < 1:
-        raise ConfigError(f"name at least 1 track and 1 start, got {len(seeds)} and {starts}")
+    if not seeds or not 1 <= starts <= N_STARTS:
+        raise ConfigError(f"name at least 1 track and 1 to {N_STARTS} starts, got {len(seeds)} and {starts}")
     policy = load_agent(agent, task)
     if not isinstance(policy, PolicyAgent):
         raise PolicyError(f"planar cars are driven by trained policies, {agent!r} is none; use --worlds for it")
@@ -85,12 +85,12 @@ def judge_generated(
 
 
 def fitted(task: TaskConfig, policy: PolicyAgent) -> TaskConfig:
-    """Return the task with what a policy observes, beginning anywhere."""
+    """Return the task with what a policy observes."""
     seen = policy.observation
     observation = replace(
         task.observation, log_gaps=bool(seen.gap_ranges_m), last_command=seen.last_command, waypoint=seen.waypoint
     )
-    return replace(task, observation=observation, episode=replace(task.episode, start="anywhere"))
+    return replace(task, observation=observation)
 
 
 def _score(trial: Trial, tracks: int, starts: int, task: TaskConfig) -> GeneratedScore:

@@ -22,6 +22,8 @@ from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
 
 LOGGED_CARS = 4
+FORGET = 0.1
+"""How much of a track's success the latest episode there is."""
 RECENT = 2000
 
 
@@ -66,6 +68,8 @@ class PlanarCallback(BaseCallback):
         for log in (self._episodes, self._evaluations):
             log.cut_after(self._episode)
         self._good_enough = self._over = False
+        # By world: half means nothing is known, and is where most is to be learned.
+        self._learned = np.array(state.get("learned", [0.5] * len(cars.env.drive.worlds)))
 
     def _on_training_start(self) -> None:
         self._began = time.monotonic()
@@ -75,6 +79,7 @@ class PlanarCallback(BaseCallback):
         for car, info in enumerate(self.locals["infos"]):
             if info:
                 self._recent.append(info["is_success"])
+                self._learned[info["world"]] += FORGET * (info["is_success"] - self._learned[info["world"]])
                 if car < LOGGED_CARS:
                     self._log_episode(car, info)
         return not self._over
@@ -87,6 +92,9 @@ class PlanarCallback(BaseCallback):
             self.save()
         # Only between two rollouts: one that is cut short would not be learned from.
         self._over = self._good_enough or self._share_done() >= 1.0
+        if self._planar.curriculum > 0.0:
+            interest = self._planar.curriculum + self._learned * (1.0 - self._learned)
+            self._cars.env.drive.weights = interest / interest.sum()
         elapsed = max(time.monotonic() - self._began, 1e-9)
         steps_per_s = (self.num_timesteps - self._first_step) / elapsed
         recent = sum(self._recent) / max(len(self._recent), 1)
@@ -108,6 +116,7 @@ class PlanarCallback(BaseCallback):
             "wall_s": self._wall_s(),
             "evaluated_at": self._evaluated_at,
             "cars": plain,
+            "learned": self._learned.tolist(),
         }
         save_checkpoint(self._folder / "checkpoint", self.model, state, arrays)
 

@@ -139,7 +139,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     )
     cars.seed(config.seed)
     n_judged = planar.n_eval_tracks * planar.n_eval_starts
-    judge = PlanarDrive(config.task, eval_worlds, n_judged, device=planar.device)
+    judge = PlanarDrive(_from_the_start(config.task), eval_worlds, n_judged, device=planar.device)
     if resume:
         model, state = load_checkpoint(folder / "checkpoint", algo, scaled(cars, config.learner))
         cars.load(state["cars"], load_arrays(folder / "checkpoint"))
