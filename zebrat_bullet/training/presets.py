@@ -69,7 +69,7 @@ _GENERAL = TrainConfig(
         least_std=0.1,
     ),
     worlds=(),
-    steps=20_000_000,
+    steps=16_000_000,
     threads=2,
     planar=PlanarConfig(),
     task=TaskConfig(

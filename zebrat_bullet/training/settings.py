@@ -145,11 +145,11 @@ class PlanarConfig:
         device: "cpu" or "cuda", where they drive.
         n_tracks: generated tracks that join the run's worlds, of the seeds from 0 on.
         tightness: share of tight turns among their turns.
-        curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there is
-            something to learn (Sampling For Learnability); 0: all alike.
+        curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there
+            is something to learn (Sampling For Learnability); 0: all alike.
         margin_m: walls so near to the outline count as touched while it learns.
-        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and episodes in each from its start,
-            by which the best policy is chosen; sensor and dynamics drawn at random as in training, no exploration.
+        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and episodes from the start of
+            each, by which the best policy is chosen; sensor and dynamics drawn as in training, no exploration.
         eval_every_steps: steps between two evaluations, and between two checkpoints.
     """
 
