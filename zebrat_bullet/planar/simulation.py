@@ -1,5 +1,6 @@
 """Motion, contact and scan of N planar cars; knows nothing of tasks, rewards or episodes."""
 
+import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,7 +34,7 @@ class PlanarSimulation:
     Attributes:
         pose: (N, 3) float32, x, y in m and yaw in rad of the body's middle.
         motion: (N, 4) float32: left and right knuckle in rad, speed in m/s and yaw rate in rad/s of the rear axle.
-        contact: (N,) bool, the body touched a wall in the last step; the car stands there.
+        contact: (N,) bool, the body touched a wall in the last step, and the car went no further in it.
         ranges: (N, B) float32, m.
         command: (N, 2) float32, m/s and rad; `step` drives what stands here.
         origin: (W, 2) float64, m, world frame.
@@ -65,12 +66,19 @@ class PlanarSimulation:
         self._channels = self._upload(car.channels, wp.float32)
         self.add_worlds(worlds)
         try:
+            self._require_memory(n_cars, len(indices))
             self._allocate(n_cars, len(indices))
-        except (RuntimeError, MemoryError) as error:
+        except (RuntimeError, MemoryError, ValueError) as error:
             raise ConfigError(f"{n_cars} cars do not fit into the memory of {device!r}: {error}") from error
 
     def _upload(self, values: NDArray, dtype: type) -> wp.array:
         return to_device(values, dtype, self.device)
+
+    def _require_memory(self, n: int, n_rays: int) -> None:
+        """Raise MemoryError where a processor's arrays would not fit: Linux gives the memory and kills who fills it."""
+        needed, there = 4 * n * (n_rays + 21), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if self.device == "cpu" and needed > there:
+            raise MemoryError(f"their arrays take {needed / 2**30:.0f} GiB of {there / 2**30:.0f} GiB")
 
     def _allocate(self, n: int, n_rays: int) -> None:
         def made(shape: int | tuple[int, int], dtype: type) -> tuple[wp.array, Array]:
@@ -125,7 +133,8 @@ class PlanarSimulation:
             dynamics: (K, 5), as `draw_dynamics` returns them.
         """
         self.world[cars], self.pose[cars] = worlds, poses
-        self.motion[cars], self._asked_view[cars], self._clear_view[cars] = 0.0, 0.0, 0.0
+        self.motion[cars], self._clear_view[cars] = 0.0, 0.0
+        self._asked_view[cars, 0], self._asked_view[cars, 1] = 0.0, dynamics[:, 2]  # a late command follows this one
         self.contact[cars] = False
         self._dynamics_view[cars] = dynamics
         self._dynamics_view[cars, 4] = (dynamics[:, 4] * self._physics.rate_hz).round()
