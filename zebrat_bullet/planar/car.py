@@ -1,6 +1,5 @@
 """The numbers of a planar car, as kernels want them: read from the robot, its senses and its physics, none typed."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +8,13 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.planar.kernels import CarData
+from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD
 
 NEAR_M = 0.2
 """Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
-N_BUCKETS = 512
 N_CHANNEL_SLOTS = 256
 WALL_M = 0.8
 """Lowest wall of a world that the planar car takes; the height band sees it whole."""
@@ -32,8 +30,7 @@ class PlanarCar:
         data: scalars for the kernels.
         corners: (K, 2) float32, m, base frame, counter-clockwise.
         sides: (K, 3) float32, outward normal of each side and its distance from the base frame's origin.
-        rays: (B, 3) float32, direction of each ray in the lidar's frame, and its place in the order of bearings.
-        first_ray: (N_BUCKETS,) int32, first ray that can lie in each part of the bearings.
+        rays: (R, 2) float32, direction of each ray in the lidar's frame, then zeros up to a multiple of N_RAYS_ABREAST.
         channels: (N_CHANNEL_SLOTS,) float32, how many lidar channels meet a wall at each part of the reach.
         circumradius_m: of the outline about the base frame's origin.
     """
@@ -42,7 +39,6 @@ class PlanarCar:
     corners: NDArray[np.float32]
     sides: NDArray[np.float32]
     rays: NDArray[np.float32]
-    first_ray: NDArray[np.int32]
     channels: NDArray[np.float32]
     circumradius_m: float
 
@@ -73,8 +69,6 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
     bearings = beam_bearings(lidar.n_bearings)[indices]
     directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
-    order = bearing_order(directions)
-    order[bearings <= -math.pi + 1e-9] = -2.0
     channels, reach = _channels(robot, task)
     data = CarData()
     data.dt, data.n_substeps = 1.0 / physics.rate_hz, physics.n_substeps
@@ -91,25 +85,16 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     data.lidar_y = float(robot.lidar_xyz_base[1]) + noise.mount_xyz_m[1]
     data.lidar_yaw = noise.mount_yaw_rad
     data.reach, data.horizon = lidar.range_max_m, reach
-    data.n_rays, data.n_buckets = len(indices), N_BUCKETS
+    data.n_rays = len(indices)
     data.sigma, data.dropout = noise.range_sigma_m, noise.dropout
-    begins = -2.0 + 4.0 * np.arange(N_BUCKETS) / N_BUCKETS
     return PlanarCar(
         data=data,
         corners=outline.astype(np.float32),
         sides=np.column_stack([normals, (normals * outline).sum(axis=1)]).astype(np.float32),
-        rays=np.column_stack([directions, order]).astype(np.float32),
-        first_ray=np.searchsorted(order, begins - 1e-5).astype(np.int32),
+        rays=np.pad(directions, ((0, -len(directions) % N_RAYS_ABREAST), (0, 0))).astype(np.float32),
         channels=channels,
         circumradius_m=float(np.hypot(*outline.T).max()),
     )
-
-
-def bearing_order(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a number in [-2, 2] that grows with the bearing of each of (P, 2) points, as the kernel computes it."""
-    x, y = points.T
-    beside = 1.0 - x / (np.abs(x) + np.abs(y))
-    return np.where(y < 0.0, -beside, beside)
 
 
 def _channels(robot: RobotModel, task: TaskConfig) -> tuple[NDArray[np.float32], float]:

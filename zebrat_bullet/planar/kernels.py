@@ -1,6 +1,6 @@
 """What one car does in a control step, and what it sees then: the inner loops, one source for processor and GPU.
 
-Positions are relative to the origin of the car's world in the atlas. All is float32; one thread is one car.
+Positions are relative to the origin of the car's world in the atlas. All is float32.
 
 Motion is Bullet's, as far as a plane has it (measured at 120 Hz and 20 solver iterations): each knuckle closes a tenth
 of its error in a physics step, at its hinge's speed at most; four wheel motors pull the car, within their torque,
@@ -8,12 +8,21 @@ towards the ground speed that the command asks of each, along its own heading; t
 sideways, within their grip. Speed and yaw rate of the rear axle are solved for all six by sequential impulses.
 """
 
+from functools import cache
+
 import warp as wp
 
-wp.set_module_options(
-    {"enable_backward": False, "fast_math": True, "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffast-math"}
-)
-
+OPTIONS = {
+    "enable_backward": False,
+    "fast_math": True,
+    "max_unroll": 6,
+    "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffast-math -ffp-contract=fast -Wno-nan-infinity-disabled",
+}
+"""Of every kernel. `max_unroll` leaves the loops over cars and rays to the compiler, which makes SIMD of them."""
+N_RAYS_ABREAST = wp.constant(32)
+"""Rays that one thread of `look` casts together."""
+WIDER_M = wp.constant(1.0e-6)
+"""By so much a segment is seen past its ends, so that no ray slips between two that meet."""
 N_SWEEPS = wp.constant(2)
 """Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
 MOTOR_SHARE = wp.constant(0.11)
@@ -46,7 +55,6 @@ class CarData:
     reach: float
     horizon: float  # farthest wall that the lidar returns
     n_rays: int
-    n_buckets: int
     sigma: float
     dropout: float
 
@@ -149,133 +157,202 @@ def _targets(asked: wp.vec2, car: CarData):
     return wp.vec2(wp.atan2(slope, left), wp.atan2(slope, right)), asked[0] * speeds
 
 
-@wp.kernel
-def drive(
-    car: CarData,
-    corners: wp.array(dtype=wp.vec2),
-    sides: wp.array(dtype=wp.vec3),
-    walls: Walls,
-    world: wp.array(dtype=int),
-    dynamics: wp.array2d(dtype=float),  # torque, hinge speed, steering offset, speed: as `Dynamics`; late substeps
-    command: wp.array(dtype=wp.vec2),
-    steering_limit: float,
-    asked: wp.array(dtype=wp.vec2),  # the command that the motors follow, before it and after it
-    pose: wp.array(dtype=wp.vec3),
-    motion: wp.array(dtype=wp.vec4),  # knuckles, speed, yaw rate
-    clear: wp.array(dtype=float),  # how far the outline may still move without touching anything
-    contact: wp.array(dtype=wp.bool),
-):
-    """Drive every car one control step; a car stops where it touches a wall."""
-    i = wp.tid()
-    at = pose[i]
-    yaw = at[2]
-    c = wp.cos(yaw)
-    s = wp.sin(yaw)
-    x = at[0] + c * car.axle_x
-    y = at[1] + s * car.axle_x
-    knuckles = motion[i]
-    left = knuckles[0]
-    right = knuckles[1]
-    speed = knuckles[2]
-    rate = knuckles[3]
-    free = clear[i]
-    torque = car.motor_impulse * dynamics[i, 0]
-    turn_most = car.hinge_step * dynamics[i, 1]
-    late = int(dynamics[i, 4])
-    angles, speeds = _targets(asked[i], car)
-    fresh = wp.vec2(
-        command[i][0] * dynamics[i, 3],
-        wp.clamp(command[i][1] + dynamics[i, 2], -steering_limit, steering_limit),
-    )
-    hit = wp.bool(False)
-    for n in range(car.n_substeps):
-        if n == late:
-            angles, speeds = _targets(fresh, car)
-        tan_l = _tangent(left)
-        tan_r = _tangent(right)
-        cos_l = 1.0 / wp.sqrt(1.0 + tan_l * tan_l)
-        cos_r = 1.0 / wp.sqrt(1.0 + tan_r * tan_r)
-        sin_l = tan_l * cos_l
-        sin_r = tan_r * cos_r
-        # How (speed, yaw rate) move each wheel along its heading, and the front wheels across theirs.
-        roll_l = car.wheelbase * sin_l - car.half_track * cos_l
-        roll_r = car.wheelbase * sin_r + car.half_track * cos_r
-        slide_l = car.wheelbase * cos_l + car.half_track * sin_l
-        slide_r = car.wheelbase * cos_r - car.half_track * sin_r
-        im = car.inverse_mass
-        ij = car.inverse_inertia
-        h = car.half_track
-        rear = MOTOR_SHARE / (im + ij * h * h)
-        front_l = MOTOR_SHARE / (im * cos_l * cos_l + ij * roll_l * roll_l)
-        front_r = MOTOR_SHARE / (im * cos_r * cos_r + ij * roll_r * roll_r)
-        side_l = 1.0 / (im * sin_l * sin_l + ij * slide_l * slide_l)
-        side_r = 1.0 / (im * sin_r * sin_r + ij * slide_r * slide_r)
-        p0 = float(0.0)
-        p1 = float(0.0)
-        p2 = float(0.0)
-        p3 = float(0.0)
-        p4 = float(0.0)
-        p5 = float(0.0)
-        for _sweep in range(N_SWEEPS):
-            q = wp.clamp(p0 + rear * (speeds[0] - speed + h * rate), -torque, torque)
-            speed = speed + im * (q - p0)
-            rate = rate - ij * h * (q - p0)
-            p0 = q
-            q = wp.clamp(p1 + rear * (speeds[1] - speed - h * rate), -torque, torque)
-            speed = speed + im * (q - p1)
-            rate = rate + ij * h * (q - p1)
-            p1 = q
-            q = wp.clamp(p2 + front_l * (speeds[2] - cos_l * speed - roll_l * rate), -torque, torque)
-            speed = speed + im * cos_l * (q - p2)
-            rate = rate + ij * roll_l * (q - p2)
-            p2 = q
-            q = wp.clamp(p3 + front_r * (speeds[3] - cos_r * speed - roll_r * rate), -torque, torque)
-            speed = speed + im * cos_r * (q - p3)
-            rate = rate + ij * roll_r * (q - p3)
-            p3 = q
-            q = wp.clamp(p4 - side_l * (slide_l * rate - sin_l * speed), -car.grip_impulse, car.grip_impulse)
-            speed = speed - im * sin_l * (q - p4)
-            rate = rate + ij * slide_l * (q - p4)
-            p4 = q
-            q = wp.clamp(p5 - side_r * (slide_r * rate - sin_r * speed), -car.grip_impulse, car.grip_impulse)
-            speed = speed - im * sin_r * (q - p5)
-            rate = rate + ij * slide_r * (q - p5)
-            p5 = q
-        left = left + wp.clamp(KNUCKLE_SHARE * (angles[0] - left), -turn_most, turn_most)
-        right = right + wp.clamp(KNUCKLE_SHARE * (angles[1] - right), -turn_most, turn_most)
-        step = speed * car.dt
-        turn = rate * car.dt
-        # Along the chord of the arc; the heading by its series, whose error is 1e-7 rad a step.
-        x = x + step * (c - 0.5 * s * turn)
-        y = y + step * (s + 0.5 * c * turn)
-        turned = 1.0 - 0.5 * turn * turn
-        c_next = c * turned - s * turn
-        s = s * turned + c * turn
-        c = c_next
-        yaw = yaw + turn
-        free = free - (wp.abs(step) + wp.abs(turn) * car.farthest)
-        if free <= 0.0:
-            free = (
-                _clear(walls, world[i], wp.vec2(x - c * car.axle_x, y - s * car.axle_x), c, s, car, corners, sides)
-                - car.margin
-            )
-            if free <= 0.0:
-                hit = wp.bool(True)
-                break
-    asked[i] = fresh
-    pose[i] = wp.vec3(x - c * car.axle_x, y - s * car.axle_x, yaw)
-    motion[i] = wp.vec4(left, right, speed, rate)
-    clear[i] = free
-    contact[i] = hit
+X, Y, C, S, YAW, LEFT, RIGHT, SPEED, RATE, FREE, GOING, TORQUE, HINGE, LATE, OLD, NEW = (
+    wp.constant(i) for i in (*range(15), 20)
+)
+N_ROWS = wp.constant(26)
+"""What `drive` keeps of each car, a row each; OLD and NEW are the first of six: the knuckles and wheel speeds that the
+command before asks for, and this one. A column is a car, so that one instruction serves many."""
 
 
 @wp.func
-def _bearing(x: float, y: float):
-    """A number in [-2, 2] that grows with the bearing of a point from -pi to pi."""
-    beside = 1.0 - x / (wp.abs(x) + wp.abs(y))
-    if y < 0.0:
-        return -beside
-    return beside
+def _impulses(
+    speed: float,
+    rate: float,
+    left: float,
+    right: float,
+    rear_l: float,
+    rear_r: float,
+    front_l: float,
+    front_r: float,
+    torque: float,
+    car: CarData,
+):
+    """Speed and yaw rate after a physics step; the four motors pull the wheels towards these ground speeds."""
+    tan_l = _tangent(left)
+    tan_r = _tangent(right)
+    cos_l = 1.0 / wp.sqrt(1.0 + tan_l * tan_l)
+    cos_r = 1.0 / wp.sqrt(1.0 + tan_r * tan_r)
+    sin_l = tan_l * cos_l
+    sin_r = tan_r * cos_r
+    # How (speed, yaw rate) move each wheel along its heading, and the front wheels across theirs.
+    roll_l = car.wheelbase * sin_l - car.half_track * cos_l
+    roll_r = car.wheelbase * sin_r + car.half_track * cos_r
+    slide_l = car.wheelbase * cos_l + car.half_track * sin_l
+    slide_r = car.wheelbase * cos_r - car.half_track * sin_r
+    im = car.inverse_mass
+    ij = car.inverse_inertia
+    h = car.half_track
+    share = MOTOR_SHARE / (im + ij * h * h)
+    share_l = MOTOR_SHARE / (im * cos_l * cos_l + ij * roll_l * roll_l)
+    share_r = MOTOR_SHARE / (im * cos_r * cos_r + ij * roll_r * roll_r)
+    side_l = 1.0 / (im * sin_l * sin_l + ij * slide_l * slide_l)
+    side_r = 1.0 / (im * sin_r * sin_r + ij * slide_r * slide_r)
+    p0 = float(0.0)
+    p1 = float(0.0)
+    p2 = float(0.0)
+    p3 = float(0.0)
+    p4 = float(0.0)
+    p5 = float(0.0)
+    for _sweep in range(N_SWEEPS):
+        q = wp.clamp(p0 + share * (rear_l - speed + h * rate), -torque, torque)
+        speed = speed + im * (q - p0)
+        rate = rate - ij * h * (q - p0)
+        p0 = q
+        q = wp.clamp(p1 + share * (rear_r - speed - h * rate), -torque, torque)
+        speed = speed + im * (q - p1)
+        rate = rate + ij * h * (q - p1)
+        p1 = q
+        q = wp.clamp(p2 + share_l * (front_l - cos_l * speed - roll_l * rate), -torque, torque)
+        speed = speed + im * cos_l * (q - p2)
+        rate = rate + ij * roll_l * (q - p2)
+        p2 = q
+        q = wp.clamp(p3 + share_r * (front_r - cos_r * speed - roll_r * rate), -torque, torque)
+        speed = speed + im * cos_r * (q - p3)
+        rate = rate + ij * roll_r * (q - p3)
+        p3 = q
+        q = wp.clamp(p4 - side_l * (slide_l * rate - sin_l * speed), -car.grip_impulse, car.grip_impulse)
+        speed = speed - im * sin_l * (q - p4)
+        rate = rate + ij * slide_l * (q - p4)
+        p4 = q
+        q = wp.clamp(p5 - side_r * (slide_r * rate - sin_r * speed), -car.grip_impulse, car.grip_impulse)
+        speed = speed - im * sin_r * (q - p5)
+        rate = rate + ij * slide_r * (q - p5)
+        p5 = q
+    return speed, rate
+
+
+@cache
+def make_drive(n_abreast: int) -> wp.Kernel:
+    """Return the kernel that drives every car one control step, so many of them in a thread."""
+
+    @wp.kernel(module="unique", module_options=OPTIONS)
+    def drive(
+        car: CarData,
+        corners: wp.array(dtype=wp.vec2),
+        sides: wp.array(dtype=wp.vec3),
+        walls: Walls,
+        world: wp.array(dtype=int),
+        dynamics: wp.array2d(dtype=float),  # torque, hinge speed, steering offset, speed: as `Dynamics`; late substeps
+        command: wp.array(dtype=wp.vec2),
+        steering_limit: float,
+        asked: wp.array(dtype=wp.vec2),  # the command that the motors follow, before it and after it
+        pose: wp.array(dtype=wp.vec3),
+        motion: wp.array(dtype=wp.vec4),  # knuckles, speed, yaw rate
+        clear: wp.array(dtype=float),  # how far the outline may still move without touching anything
+        contact: wp.array(dtype=wp.bool),
+    ):
+        """Drive every car one control step; a car stops where it touches a wall."""
+        begin = wp.tid() * n_abreast
+        most = pose.shape[0] - 1
+        cars = wp.zeros(shape=(N_ROWS, n_abreast), dtype=float)
+        for k in range(n_abreast):
+            i = wp.min(begin + k, most)
+            at = pose[i]
+            c = wp.cos(at[2])
+            s = wp.sin(at[2])
+            cars[X, k] = at[0] + c * car.axle_x
+            cars[Y, k] = at[1] + s * car.axle_x
+            cars[C, k] = c
+            cars[S, k] = s
+            cars[YAW, k] = at[2]
+            moved = motion[i]
+            cars[LEFT, k] = moved[0]
+            cars[RIGHT, k] = moved[1]
+            cars[SPEED, k] = moved[2]
+            cars[RATE, k] = moved[3]
+            cars[FREE, k] = clear[i]
+            cars[GOING, k] = 1.0
+            cars[TORQUE, k] = car.motor_impulse * dynamics[i, 0]
+            cars[HINGE, k] = car.hinge_step * dynamics[i, 1]
+            cars[LATE, k] = dynamics[i, 4]
+            if dynamics[i, 4] > 0.0:
+                angles, speeds = _targets(asked[i], car)
+                cars[OLD, k] = angles[0]
+                cars[OLD + 1, k] = angles[1]
+                for wheel in range(4):
+                    cars[OLD + 2 + wheel, k] = speeds[wheel]
+            fresh = wp.vec2(
+                command[i][0] * dynamics[i, 3],
+                wp.clamp(command[i][1] + dynamics[i, 2], -steering_limit, steering_limit),
+            )
+            angles, speeds = _targets(fresh, car)
+            cars[NEW, k] = angles[0]
+            cars[NEW + 1, k] = angles[1]
+            for wheel in range(4):
+                cars[NEW + 2 + wheel, k] = speeds[wheel]
+        for n in range(car.n_substeps):
+            for k in range(n_abreast):
+                going = cars[GOING, k]
+                is_new = float(n) >= cars[LATE, k]
+                left = cars[LEFT, k]
+                right = cars[RIGHT, k]
+                speed, rate = _impulses(
+                    cars[SPEED, k],
+                    cars[RATE, k],
+                    left,
+                    right,
+                    wp.where(is_new, cars[NEW + 2, k], cars[OLD + 2, k]),
+                    wp.where(is_new, cars[NEW + 3, k], cars[OLD + 3, k]),
+                    wp.where(is_new, cars[NEW + 4, k], cars[OLD + 4, k]),
+                    wp.where(is_new, cars[NEW + 5, k], cars[OLD + 5, k]),
+                    cars[TORQUE, k],
+                    car,
+                )
+                most_turn = going * cars[HINGE, k]
+                turn_l = KNUCKLE_SHARE * (wp.where(is_new, cars[NEW, k], cars[OLD, k]) - left)
+                turn_r = KNUCKLE_SHARE * (wp.where(is_new, cars[NEW + 1, k], cars[OLD + 1, k]) - right)
+                cars[LEFT, k] = left + wp.clamp(turn_l, -most_turn, most_turn)
+                cars[RIGHT, k] = right + wp.clamp(turn_r, -most_turn, most_turn)
+                cars[SPEED, k] = wp.where(going > 0.0, speed, cars[SPEED, k])
+                cars[RATE, k] = wp.where(going > 0.0, rate, cars[RATE, k])
+                step = going * speed * car.dt
+                turn = going * rate * car.dt
+                c = cars[C, k]
+                s = cars[S, k]
+                # Along the chord of the arc; the heading by its series, whose error is 1e-7 rad a step.
+                cars[X, k] = cars[X, k] + step * (c - 0.5 * s * turn)
+                cars[Y, k] = cars[Y, k] + step * (s + 0.5 * c * turn)
+                turned = 1.0 - 0.5 * turn * turn
+                cars[C, k] = c * turned - s * turn
+                cars[S, k] = s * turned + c * turn
+                cars[YAW, k] = cars[YAW, k] + turn
+                cars[FREE, k] = cars[FREE, k] - (wp.abs(step) + wp.abs(turn) * car.farthest)
+            least = float(1.0)
+            for k in range(n_abreast):
+                least = wp.min(least, wp.where(cars[GOING, k] > 0.0, cars[FREE, k], 1.0))
+            if least <= 0.0:
+                for k in range(n_abreast):
+                    if cars[FREE, k] <= 0.0 and cars[GOING, k] > 0.0:
+                        c = cars[C, k]
+                        s = cars[S, k]
+                        middle = wp.vec2(cars[X, k] - c * car.axle_x, cars[Y, k] - s * car.axle_x)
+                        where = world[wp.min(begin + k, most)]
+                        free = _clear(walls, where, middle, c, s, car, corners, sides) - car.margin
+                        cars[FREE, k] = free
+                        cars[GOING, k] = wp.where(free > 0.0, 1.0, 0.0)
+        for k in range(n_abreast):
+            i = wp.min(begin + k, most)
+            pose[i] = wp.vec3(cars[X, k] - cars[C, k] * car.axle_x, cars[Y, k] - cars[S, k] * car.axle_x, cars[YAW, k])
+            motion[i] = wp.vec4(cars[LEFT, k], cars[RIGHT, k], cars[SPEED, k], cars[RATE, k])
+            clear[i] = cars[FREE, k]
+            contact[i] = cars[GOING, k] == 0.0
+            asked[i] = wp.vec2(
+                command[i][0] * dynamics[i, 3],
+                wp.clamp(command[i][1] + dynamics[i, 2], -steering_limit, steering_limit),
+            )
+
+    return drive
 
 
 @wp.func
@@ -296,21 +373,21 @@ def _blur(true_range: float, car: CarData, channels: wp.array(dtype=float), stat
     return wp.clamp(true_range + noise, 0.0, car.reach)
 
 
-@wp.kernel
+@wp.kernel(module="unique", module_options=OPTIONS)
 def look(
     car: CarData,
     walls: Walls,
     world: wp.array(dtype=int),
     pose: wp.array(dtype=wp.vec3),
-    rays: wp.array(dtype=wp.vec3),  # direction, and its bearing as `_bearing` says
-    first_ray: wp.array(dtype=int),  # for each of n_buckets parts of the bearings
+    rays: wp.array(dtype=wp.vec2),  # directions, zeros behind the last
     channels: wp.array(dtype=float),
     draws: wp.array(dtype=int),
     cars: wp.array(dtype=int),
     ranges: wp.array2d(dtype=float),
 ):
-    """Cast every ray of these cars: each front that faces the lidar shortens the rays between its ends."""
-    i = cars[wp.tid()]
+    """Cast some rays of one of these cars: each front that faces the lidar shortens those between its ends."""
+    place, block = wp.tid()
+    i = cars[place]
     w = world[i]
     at = pose[i]
     c = wp.cos(at[2])
@@ -319,8 +396,14 @@ def look(
     y = at[1] + s * car.lidar_x + c * car.lidar_y
     c = wp.cos(at[2] + car.lidar_yaw)
     s = wp.sin(at[2] + car.lidar_yaw)
-    for r in range(car.n_rays):
-        ranges[i, r] = car.reach
+    u = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)
+    v = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)
+    closest = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)  # one over the range
+    for r in range(N_RAYS_ABREAST):
+        ray = rays[block * N_RAYS_ABREAST + r]
+        u[r] = c * ray[0] - s * ray[1]
+        v[r] = s * ray[0] + c * ray[1]
+        closest[r] = 1.0 / car.reach
     cell = _cell(x, y, walls.grid[w], walls.first_cell[w], walls.cells_per_m)
     first = walls.all_first[w]
     last = walls.all_last[w]
@@ -338,37 +421,18 @@ def look(
         by = ends[3] - y
         facing = ax * by - ay * bx
         if facing > 0.0:
-            px = c * ax + s * ay
-            py = c * ay - s * ax
-            qx = c * bx + s * by
-            qy = c * by - s * bx
-            begin = _bearing(px, py)
-            end = _bearing(qx, qy)
-            across = end < begin  # the segment lies across straight back
-            dx = qx - px
-            dy = qy - py
-            r = first_ray[wp.min(int((begin + 2.0) * float(car.n_buckets) * 0.25), car.n_buckets - 1)]
-            while r < car.n_rays:
-                ray = rays[r]
-                if ray[2] > end and not across:
-                    break
-                if ray[2] >= begin:
-                    slope = ray[0] * dy - ray[1] * dx
-                    if facing < slope * ranges[i, r]:
-                        ranges[i, r] = facing / slope
-                r = r + 1
-            if across:
-                r = int(0)
-                while r < car.n_rays:
-                    ray = rays[r]
-                    if ray[2] > end:
-                        break
-                    slope = ray[0] * dy - ray[1] * dx
-                    if facing < slope * ranges[i, r]:
-                        ranges[i, r] = facing / slope
-                    r = r + 1
-    for r in range(car.n_rays):
-        if ranges[i, r] >= car.horizon:
-            ranges[i, r] = car.reach
-        elif car.sigma > 0.0 or car.dropout > 0.0:
-            ranges[i, r] = _blur(ranges[i, r], car, channels, wp.rand_init(draws[i], r))
+            close = 1.0 / facing
+            for r in range(N_RAYS_ABREAST):
+                past_a = v[r] * ax - u[r] * ay
+                before_b = u[r] * by - v[r] * bx
+                met = wp.where(wp.min(past_a, before_b) > -WIDER_M, (past_a + before_b) * close, 0.0)
+                closest[r] = wp.max(closest[r], met)
+    for r in range(N_RAYS_ABREAST):
+        ray_i = block * N_RAYS_ABREAST + r
+        if ray_i < car.n_rays:
+            distance = 1.0 / closest[r]
+            if distance >= car.horizon:
+                distance = car.reach
+            elif car.sigma > 0.0 or car.dropout > 0.0:
+                distance = _blur(distance, car, channels, wp.rand_init(draws[i], ray_i))
+            ranges[i, ray_i] = distance

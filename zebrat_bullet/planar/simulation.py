@@ -12,9 +12,12 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.planar.atlas import CELL_M, Chart, bind, chart
 from zebrat_bullet.planar.car import planar_car, to_device
-from zebrat_bullet.planar.kernels import Walls, drive, look
+from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, Walls, look, make_drive
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
+
+CARS_ABREAST = 16
+"""Cars that one thread of a processor drives together, by SIMD; on a GPU each car is a thread."""
 
 
 class PlanarSimulation:
@@ -57,12 +60,13 @@ class PlanarSimulation:
         if n_cars < 1:
             raise ConfigError(f"n_cars must be at least 1, got {n_cars}")
         self.device = find_device(device)
+        self._n_abreast = CARS_ABREAST if self.device == "cpu" else 1
         self._physics, self._reach_m = task.physics, task.lidar.range_max_m
         self._car = planar_car(robot, task, indices, margin_m)
         self._charts: list[Chart] = []
         car = self._car
         self._corners, self._sides = self._upload(car.corners, wp.vec2), self._upload(car.sides, wp.vec3)
-        self._rays, self._first_ray = self._upload(car.rays, wp.vec3), self._upload(car.first_ray, wp.int32)
+        self._rays = self._upload(car.rays, wp.vec2)
         self._channels = self._upload(car.channels, wp.float32)
         self.add_worlds(worlds)
         try:
@@ -144,7 +148,8 @@ class PlanarSimulation:
         outline = [self._car.data, self._corners, self._sides]
         asked = [self._world, self._dynamics, self._command, self._physics.max_steering_rad, self._asked]
         state = [self._pose, self._motion, self._clear, self._contact]
-        wp.launch(drive, len(self._pose), [*outline, self._walls, *asked, *state], device=self.device)
+        n_threads = -(-len(self._pose) // self._n_abreast)
+        wp.launch(make_drive(self._n_abreast), n_threads, [*outline, self._walls, *asked, *state], device=self.device)
 
     def look(self, cars: NDArray[np.intp] | None = None) -> None:
         """Cast the rays of some cars, or of all, from where they stand; the noise of each is a function of its `draws`.
@@ -154,8 +159,10 @@ class PlanarSimulation:
         """
         who = self._everyone if cars is None else self._upload(cars, wp.int32)
         place = [self._car.data, self._walls, self._world, self._pose]
-        beams = [self._rays, self._first_ray, self._channels, self._draws]
-        wp.launch(look, len(who), [*place, *beams, who, self._ranges], device=self.device)
+        beams = [self._rays, self._channels, self._draws]
+        wp.launch(
+            look, (len(who), len(self._rays) // N_RAYS_ABREAST), [*place, *beams, who, self._ranges], device=self.device
+        )
 
     def state(self) -> dict[str, Array]:
         """Return the arrays that say where every car is and what it does, by name; not copies."""
