@@ -179,7 +179,7 @@ def find_device(name: str) -> str:
     Raises:
         ConfigError: it is unknown, or not there; the message lists those there are.
     """
-    wp.config.log_level = wp.LOG_WARNING
+    wp.config.log_level = wp.LOG_ERROR  # or it warns of every machine without a GPU, and of each kernel it compiles
     wp.init()
     there = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     alias = "cuda:0" if name == "cuda" else name
