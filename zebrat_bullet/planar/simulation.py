@@ -1,7 +1,11 @@
 """Motion, contact and scan of N planar cars; knows nothing of tasks, rewards or episodes."""
 
 import os
-from collections.abc import Sequence
+import ctypes.util
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
@@ -179,13 +183,31 @@ def find_device(name: str) -> str:
     Raises:
         ConfigError: it is unknown, or not there; the message lists those there are.
     """
-    wp.config.log_level = wp.LOG_ERROR  # or it warns of every machine without a GPU, and of each kernel it compiles
-    wp.init()
+    wp.config.log_level = wp.LOG_WARNING
+    with _no_warning_of_no_gpu():
+        wp.init()
     there = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     alias = "cuda:0" if name == "cuda" else name
     if alias not in there:
         raise ConfigError(f"device must be one of {', '.join(there)} on this machine, got {name!r}")
     return alias
+
+
+@contextmanager
+def _no_warning_of_no_gpu() -> Iterator[None]:
+    """Keep off the standard error what Warp's library writes there, unasked, on every machine without a GPU's driver."""
+    if ctypes.util.find_library("cuda"):
+        yield
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def require_planar(world: World) -> None:
