@@ -1,6 +1,5 @@
 """Motion, contact and scan of N planar cars; knows nothing of tasks, rewards or episodes."""
 
-import os
 import ctypes.util
 import os
 import sys
@@ -195,7 +194,7 @@ def find_device(name: str) -> str:
 
 @contextmanager
 def _no_warning_of_no_gpu() -> Iterator[None]:
-    """Keep off the standard error what Warp's library writes there, unasked, on every machine without a GPU's driver."""
+    """Keep off the standard error what Warp's library writes there on every machine without a GPU's driver."""
     if ctypes.util.find_library("cuda"):
         yield
         return
