@@ -83,7 +83,7 @@ def _table(runs: Mapping[Path, Any]) -> Table:
         table.add_row(
             run.name,
             now.state,
-            f"{now.episode}/{runs[run].episodes}",
+            str(now.episode) if runs[run].planar else f"{now.episode}/{runs[run].episodes}",
             "-" if now.steps_per_s is None else f"{now.steps_per_s:.0f}",
             "-" if now.success is None else f"{now.success:.0%}",
             "-" if now.best is None else f"{now.best:.0%}",
@@ -111,7 +111,9 @@ def add(command: AddCommand) -> None:
     made.set_defaults(robot=None, seed=None)  # then those of the manifest
     made.add_argument("--manifest", type=Path, metavar="YAML", help="a file with any of the settings below")
     made.add_argument("--algos", nargs="+", metavar="ALGO", help="ddpg dqn sac ppo ppo-discrete (default ddpg)")
-    made.add_argument("--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg (default fomt)")
+    made.add_argument(
+        "--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg, or own: the preset's (default fomt)"
+    )
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="one training world a run (default: the preset's)")
     made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default 0)")
     made.add_argument("--preset", help="settings to begin with (default: the paper's)")

@@ -32,15 +32,24 @@ ALGORITHMS: dict[str, Learner] = {
 """The five algorithms of the paper, with its networks and parameters."""
 
 
+def learner_of(algo: str) -> Learner:
+    """Return an algorithm with the paper's networks and parameters.
+
+    Raises:
+        ConfigError: there is no such algorithm.
+    """
+    if algo not in ALGORITHMS:
+        raise ConfigError(f"unknown algorithm {algo!r}; valid are: {', '.join(ALGORITHMS)}")
+    return ALGORITHMS[algo]
+
+
 def paper_config(algo: str, reward: str) -> TrainConfig:
     """Return the paper's run of an algorithm under a reward: 1,000 episodes on big_track.
 
     Raises:
         ConfigError: there is no such algorithm or reward.
     """
-    if algo not in ALGORITHMS:
-        raise ConfigError(f"unknown algorithm {algo!r}; valid are: {', '.join(ALGORITHMS)}")
-    config = TrainConfig(learner=ALGORITHMS[algo])
+    config = TrainConfig(learner=learner_of(algo))
     return with_task(config, config.task.robot, reward)
 
 

@@ -11,13 +11,14 @@ import yaml
 from zebrat_bullet.config import from_json, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config, with_task
+from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
 from zebrat_bullet.world import load_world
 
 AXES = ("algos", "rewards", "worlds", "seeds")
 MANIFEST = "manifest.json"
+OWN = "own"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class Sweep:
     """A set of runs: every combination of the four axes.
 
     Attributes:
-        algos, rewards: as in `zebrat train`.
+        algos, rewards: as in `zebrat train`; the reward "own" is the preset's.
         worlds: each run's one training world, a name or a file; none for those of the preset.
         seeds: of the runs.
         preset: one of `TRAIN_PRESETS`; an algorithm other than its own has the paper's networks and parameters.
@@ -116,7 +117,7 @@ def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     training: list[tuple[str, ...]] = [(world,) for world in sweep.worlds]
     training = training or [TRAIN_PRESETS[sweep.preset].worlds]
     for algo, reward, worlds, seed in product(sweep.algos, sweep.rewards, training, sweep.seeds):
-        where = "+".join(dict.fromkeys(Path(world).stem for world in worlds))
+        where = "+".join(dict.fromkeys(Path(world).stem for world in worlds)) or "generated"
         run = folder / f"{algo}-{reward}-{where}-seed{seed}"
         if run in runs:
             raise ConfigError(
@@ -131,8 +132,9 @@ def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
 
 def _run_config(sweep: Sweep, algo: str, reward: str, worlds: tuple[str, ...], seed: int) -> TrainConfig:
     named = TRAIN_PRESETS[sweep.preset]
-    learner = named.learner if named.learner.algo == algo else paper_config(algo, reward).learner
-    planned = with_task(replace(named, learner=learner, worlds=worlds, seed=seed), sweep.robot, reward)
+    learner = named.learner if named.learner.algo == algo else learner_of(algo)
+    own = None if reward == OWN else reward
+    planned = with_task(replace(named, learner=learner, worlds=worlds, seed=seed), sweep.robot, own)
     config = with_overrides(planned, sweep.set)
     if (config.learner.algo, config.worlds, config.seed) != (algo, planned.worlds, seed):
         raise ConfigError(f"set names what is an axis of the sweep; give it as one of {', '.join(AXES)}")
