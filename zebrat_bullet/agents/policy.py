@@ -72,20 +72,23 @@ class PolicyAgent:
         return self.observation.decode(self.action(observation))
 
     def action(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the (2,) float32 action in [-1, 1] for an encoded observation."""
+        """Return the (2,) float32 action in [-1, 1] for an encoded observation, or (N, 2) for (N, size) of them."""
         output = self.output(observation)
         if self.head == "argmax":
-            return np.array(DISCRETE_COMMANDS[int(output.argmax())], dtype=np.float32)
+            return np.array(DISCRETE_COMMANDS, dtype=np.float32)[output.argmax(axis=-1)]
         return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
 
     def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32."""
+        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32.
+
+        Many observations, (N, size), may be given at once; then the outputs are (N, 2) or (N, 6).
+        """
         hidden = observation
         for weight, bias in self.layers[:-1]:
-            hidden = weight @ hidden + bias
+            hidden = hidden @ weight.T + bias
             hidden = np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
         weight, bias = self.layers[-1]
-        return weight @ hidden + bias
+        return hidden @ weight.T + bias
 
 
 def _check(name: str, n_outputs: int, head: str, activation: str) -> None:

@@ -16,7 +16,7 @@ wp.set_module_options(
 
 N_SWEEPS = wp.constant(2)
 """Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
-MOTOR_SHARE = wp.constant(0.11)
+MOTOR_SHARE = wp.constant(0.093)
 """Share of a wheel's speed error that its motor takes away in one round, while its torque lasts."""
 KNUCKLE_SHARE = wp.constant(0.1)
 """Share of its error that a knuckle closes in a physics step: Bullet's position gain."""
