@@ -72,33 +72,23 @@ class PolicyAgent:
         return self.observation.decode(self.action(observation))
 
     def action(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the (2,) float32 action in [-1, 1] for an encoded observation."""
-        return self._act(self.output(observation))
-
-    def actions(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the (N, 2) float32 actions in [-1, 1] for the encoded observations of N cars, (N, size)."""
-        hidden = observations
-        for weight, bias in self.layers[:-1]:
-            hidden = self._activate(hidden @ weight.T + bias)
-        weight, bias = self.layers[-1]
-        return self._act(hidden @ weight.T + bias)
-
-    def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32."""
-        hidden = observation
-        for weight, bias in self.layers[:-1]:
-            hidden = self._activate(weight @ hidden + bias)
-        weight, bias = self.layers[-1]
-        return weight @ hidden + bias
-
-    def _activate(self, hidden: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
-
-    def _act(self, output: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the (..., 2) actions of (..., outputs) of the last layer."""
+        """Return the (2,) float32 action in [-1, 1] for an encoded observation, or (N, 2) for (N, size) of them."""
+        output = self.output(observation)
         if self.head == "argmax":
             return np.array(DISCRETE_COMMANDS, dtype=np.float32)[output.argmax(axis=-1)]
         return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
+
+    def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32.
+
+        Many observations, (N, size), may be given at once; then the outputs are (N, 2) or (N, 6).
+        """
+        hidden = observation
+        for weight, bias in self.layers[:-1]:
+            hidden = hidden @ weight.T + bias
+            hidden = np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
+        weight, bias = self.layers[-1]
+        return hidden @ weight.T + bias
 
 
 def _check(name: str, n_outputs: int, head: str, activation: str) -> None:
@@ -145,7 +135,9 @@ def load_policy(name_or_path: str) -> PolicyAgent:
     if header.get("format") != FORMAT:
         raise PolicyError(f"{path} has format {header.get('format')!r}, expected {FORMAT!r}; was it exported by us?")
     layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(len(tensors) // 2)]
-    observation = ObservationSpec(**json.loads(header["observation"]))
+    observed = json.loads(header["observation"])
+    observed["gap_ranges_m"] = tuple(observed.get("gap_ranges_m", ()))  # JSON has lists only
+    observation = ObservationSpec(**observed)
     # Files from before there was a choice name neither.
     head, activation = header.get("head", "tanh"), header.get("activation", "relu")
     return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]), head, activation)

@@ -76,7 +76,7 @@ def judge_generated(
     rng = np.random.default_rng(0)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        actions = policy.actions(observations)
+        actions = policy.action(observations)
         if action_noise == 0.0:
             return actions
         return actions + rng.normal(0.0, action_noise, actions.shape).astype(np.float32)

@@ -18,8 +18,10 @@ NEAR_M = 0.2
 N_CHANNEL_SLOTS = 256
 WALL_M = 0.8
 """Lowest wall of a world that the planar car takes; the height band sees it whole."""
-MASS_FACTOR, GRIP = 1.03, 0.74
-"""What Bullet's contact solver makes of mass and friction, fitted to its motion at 120 Hz and 20 iterations."""
+MASS_FACTOR, INERTIA_FACTOR, GRIP = 1.005, 1.12, 0.48
+"""What Bullet's contact solver makes of mass, inertia and friction, fitted to its motion at 120 Hz, 20 iterations."""
+ROLLING = 0.998
+"""How much of a wheel's radius it rolls on: Bullet's contacts let it stand 0.3 mm deep in the floor."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     data.farthest = float(np.hypot(*(outline - (robot.rear_axle_x_m, 0.0)).T).max())
     data.n_corners = len(outline)
     data.inverse_mass = 1.0 / (MASS_FACTOR * robot.rolling_mass_kg)
-    data.inverse_inertia = 1.0 / robot.yaw_inertia_kgm2
+    data.inverse_inertia = 1.0 / (INERTIA_FACTOR * robot.yaw_inertia_kgm2)
     data.motor_impulse = robot.wheel_effort_nm / robot.wheel_radius_m / physics.rate_hz
     data.grip_impulse = GRIP * robot.weight_n / 4.0 / physics.rate_hz
     data.hinge_step = robot.hinge_speed_radps / physics.rate_hz

@@ -14,7 +14,7 @@ from zebrat_bullet.arrays import Array
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.planar.atlas import CELL_M, Chart, bind, chart
-from zebrat_bullet.planar.car import planar_car, to_device
+from zebrat_bullet.planar.car import ROLLING, planar_car, to_device
 from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, Walls, look, make_drive
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
@@ -144,6 +144,7 @@ class PlanarSimulation:
         self._asked_view[cars, 0], self._asked_view[cars, 1] = 0.0, dynamics[:, 2]  # a late command follows this one
         self.contact[cars] = False
         self._dynamics_view[cars] = dynamics
+        self._dynamics_view[cars, 3] *= ROLLING
         self._dynamics_view[cars, 4] = (dynamics[:, 4] * self._physics.rate_hz).round()
 
     def step(self) -> None:

@@ -156,7 +156,7 @@ class PlanarCallback(BaseCallback):
         worlds = np.repeat(np.arange(n_worlds, dtype=np.int32), self._planar.n_eval_starts)
         starts = np.tile(np.arange(self._planar.n_eval_starts), n_worlds)
         self._judge.reset(self._config.seed)  # the same dynamics and noise every time
-        trial = drive_out(self._judge, agent.actions, worlds, self._judge.starts[worlds, starts])
+        trial = drive_out(self._judge, agent.action, worlds, self._judge.starts[worlds, starts])
         success = trial.outcome == Outcome.SUCCESS.code
         rate = float(success.mean())
         collision = float((trial.outcome == Outcome.COLLISION.code).mean())

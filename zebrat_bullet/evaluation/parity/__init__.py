@@ -1,0 +1,1 @@
+"""The planar car held against PyBullet: motion, senses, contact, and how episodes end."""

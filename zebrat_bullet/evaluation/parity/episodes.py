@@ -1,0 +1,117 @@
+"""How the episodes of a policy end in PyBullet and with planar cars that begin at the same poses."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.arrays import on_host
+from zebrat_bullet.config import ObservationConfig, TaskConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.task.episode import Outcome
+from zebrat_bullet.world import World, load_world
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeJob:
+    """Some episodes of a policy in one world; start pose and chance of each as the judge's."""
+
+    world: str
+    agent: str
+    episodes: range
+    seed: int
+    task: TaskConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How one episode went.
+
+    Attributes:
+        outcome: a value of `Outcome`.
+        duration_s: simulated time.
+        start: x, y in m and yaw in rad, world frame.
+    """
+
+    outcome: str
+    duration_s: float
+    start: tuple[float, ...]
+
+
+def drive_episodes(job: EpisodeJob) -> list[Ending]:
+    """Drive a job in PyBullet."""
+    drive, agent = Drive(job.task, load_world(job.world)), load_agent(job.agent, job.task)
+    records = [run_episode(drive, agent, job.seed, episode) for episode in job.episodes]
+    drive.close()
+    return [
+        Ending(outcome=record.outcome, duration_s=record.duration_s, start=tuple(record.pose[0].tolist()))
+        for record in records
+    ]
+
+
+def drive_planar_episodes(
+    policy: PolicyAgent,
+    task: TaskConfig,
+    worlds: Sequence[World],
+    starts: NDArray[np.float64],
+    on_end: Callable[[int], None] = lambda n: None,
+) -> list[list[Ending]]:
+    """Drive an episode from each of (W, E, 3) start poses, all at once; return E endings a world.
+
+    Args:
+        policy: who drives.
+        task: the task, whose observation gives way to the policy's.
+        worlds: W worlds.
+        starts: x, y in m and yaw in rad, world frame.
+        on_end: called with the number of episodes that have just ended.
+
+    Raises:
+        ConfigError: the policy observes what this car does not.
+    """
+    n_worlds, n_episodes = starts.shape[:2]
+    drive = PlanarDrive(_task_for(policy, task), worlds, n_worlds * n_episodes, raw=policy.observation.raw)
+    _check_observation(policy, drive)
+    observation = drive.begin_at(np.repeat(np.arange(n_worlds, dtype=np.int32), n_episodes), starts.reshape(-1, 3))
+    outcome, n_steps, step = np.zeros(drive.n_cars, np.int8), np.zeros(drive.n_cars, np.int64), 0
+    while not outcome.all():
+        now = drive.step(policy.action(on_host(observation)))
+        observation, step = now.observation, step + 1
+        ended = now.ended[outcome[now.ended] == 0]  # a car whose episode is over goes on with others
+        outcome[ended], n_steps[ended] = on_host(now.outcome)[ended], step
+        if len(ended):
+            on_end(len(ended))
+    durations = n_steps * task.physics.control_step_s
+    rows = starts.reshape(-1, 3).tolist()
+    endings = [
+        Ending(outcome=str(Outcome.of(int(code))), duration_s=float(duration), start=tuple(start))
+        for code, duration, start in zip(outcome, durations, rows, strict=True)
+    ]
+    return [endings[i : i + n_episodes] for i in range(0, len(endings), n_episodes)]
+
+
+def _task_for(policy: PolicyAgent, task: TaskConfig) -> TaskConfig:
+    spec = policy.observation
+    observed = ObservationConfig(
+        log_gaps=bool(spec.gap_ranges_m), last_command=spec.last_command, waypoint=spec.waypoint
+    )
+    return replace(task, observation=observed)
+
+
+def _check_observation(policy: PolicyAgent, drive: PlanarDrive) -> None:
+    """Refuse a policy that cannot act on what planar cars observe.
+
+    Raises:
+        ConfigError: names what differs.
+    """
+    its, ours = asdict(policy.observation), asdict(drive.spec)
+    if differing := [f"{name} {its[name]} for {ours[name]}" for name in ours if its[name] != ours[name]]:
+        raise ConfigError(
+            f"policy {policy.name!r} observes something else than this car: {', '.join(differing)}; use the robot and "
+            "the senses that it was trained with"
+        )
