@@ -1,6 +1,7 @@
 """Motion, contact and scan of N planar cars; knows nothing of tasks, rewards or episodes."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 import warp as wp
@@ -74,12 +75,18 @@ class PlanarSimulation:
             raise ConfigError(f"{n_cars} cars do not fit into the memory of {device!r}: {error}") from error
 
     def _upload(self, values: NDArray, dtype: type) -> wp.array:
-        return to_device(values, dtype, self.device)
+        with self._in_order():
+            return to_device(values, dtype, self.device)
+
+    def _in_order(self) -> AbstractContextManager[object]:
+        """Queue what Warp does on a GPU behind what torch has queued there, and before what it queues next."""
+        return nullcontext() if self.device == "cpu" else wp.ScopedStream(wp.stream_from_torch(self.device))
 
     def _allocate(self, n: int, n_rays: int) -> None:
         def made(shape: int | tuple[int, int], dtype: type) -> tuple[wp.array, Array]:
-            array = wp.zeros(shape, dtype=dtype, device=self.device)
-            return array, self._view(array)
+            with self._in_order():
+                array = wp.zeros(shape, dtype=dtype, device=self.device)
+                return array, self._view(array)
 
         self._world, self.world = made(n, wp.int32)
         self._pose, self.pose = made(n, wp.vec3)
@@ -140,7 +147,10 @@ class PlanarSimulation:
         asked = [self._world, self._dynamics, self._command, self._physics.max_steering_rad, self._asked]
         state = [self._pose, self._motion, self._clear, self._contact]
         n_threads = -(-len(self._pose) // self._n_abreast)
-        wp.launch(make_drive(self._n_abreast), n_threads, [*outline, self._walls, *asked, *state], device=self.device)
+        with self._in_order():
+            wp.launch(
+                make_drive(self._n_abreast), n_threads, [*outline, self._walls, *asked, *state], device=self.device
+            )
 
     def look(self, cars: NDArray[np.intp] | None = None) -> None:
         """Cast the rays of some cars, or of all, from where they stand; the noise of each is a function of its `draws`.
