@@ -74,11 +74,16 @@ def test_robots_are_listed_with_what_their_urdf_says_and_drawn(tmp_path):
 
 
 def test_bench_splits_the_step_for_both_casters():
-    answer = result("bench", "--steps", 20, "--world", "track_2")
-    assert set(answer) == {"embree", "bullet"}
-    for part in answer.values():
-        assert part["steps_per_s"] > 0 and part["rtf"] == pytest.approx(0.2 * part["steps_per_s"])
-        assert part["full_ms"] > part["bare_rays_ms"] > 0
+    every, region = (
+        result("bench", "--steps", 20, "--world", "track_2", "--bearings", bearings) for bearings in ("all", "region")
+    )
+    for answer in (every, region):
+        assert set(answer) == {"embree", "bullet"}
+        for part in answer.values():
+            assert part["steps_per_s"] > 0 and part["rtf"] == pytest.approx(0.2 * part["steps_per_s"])
+            assert part["full_ms"] > part["bare_rays_ms"] > 0
+    for name in ("bare_rays_ms", "rays_ms"):  # a tenth of the rays
+        assert region["bullet"][name] < 0.5 * every["bullet"][name]
 
 
 def test_worlds_lists_and_draws(tmp_path):

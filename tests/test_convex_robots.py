@@ -32,7 +32,7 @@ from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.rewards import TERMS, RewardInput, forward_term, middle_term
-from zebrat_bullet.types import Clearance, Command, Pose2
+from zebrat_bullet.types import Command, Commands, Pose2
 from zebrat_bullet.world import load_world
 
 NAMES = ("hexagon", "long")
@@ -163,7 +163,8 @@ def test_with_few_bearings_the_sums_of_the_reward_end_straight_back() -> None:
     region = make_region(robot, SafetyRegionConfig(resolution_m=1.0), 360)
     assert (len(region.indices), region.right, region.front, region.left) == (8, 2, 4, 6)
     obs = np.float32(2.0) ** np.arange(8)
-    step = RewardInput(Clearance(obs, region.range_m, False), region, 1.0, Command(1.0, 0.0), config)
+    speed, none = np.array([1.0]), np.array([0.0])
+    step = RewardInput(region.clearances(obs[None]), region, speed, Commands(speed, none), config, none)
     assert forward_term(step) == 2 * 16 + 8 + 32 + 4 + 64 + 2 + 128 + 1 + 1
     assert middle_term(step) == -(64 - 4) - (128 - 2) - (1 - 1)
 

@@ -11,7 +11,7 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import SafetyRegion, make_region
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.rewards import RewardInput, weighted_terms
-from zebrat_bullet.types import Clearance, Command
+from zebrat_bullet.types import Commands
 from zebrat_bullet.world import load_world
 
 SUM_6 = sum(0.9**k for k in range(6))
@@ -24,8 +24,10 @@ def region() -> SafetyRegion:
 
 
 def step(region: SafetyRegion, obs: np.ndarray, speed: float = 0.0, **settings: object) -> RewardInput:
-    clearance = Clearance(obs.astype(np.float32), region.range_m, False)
-    return RewardInput(clearance, region, speed, Command(0.0, 0.0), RewardConfig(**settings))
+    """Return what the terms look at for one car."""
+    clearance = region.clearances(obs.astype(np.float32)[None])
+    none = np.zeros(1)
+    return RewardInput(clearance, region, np.array([speed]), Commands(none, none), RewardConfig(**settings), none)
 
 
 def test_forward_term_counts_both_sides_of_ahead_with_measured_speed(region):

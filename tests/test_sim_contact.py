@@ -94,6 +94,17 @@ def test_a_graze_within_a_control_step_is_not_missed(simulate: Simulate) -> None
     assert not simulation.step(Command(0.6, 0.6)).contact
 
 
+def test_the_floor_is_no_wall(simulate: Simulate) -> None:
+    simulation = simulate()
+    for world in (None, box_world(FRONT_WALL), box_world()):
+        if world is not None:
+            simulation.set_world(world)
+        simulation.reset(Pose2(-1.0, 0.0, 0.0))
+        assert not simulation.step(AHEAD).contact and simulation.touches() == []
+    on_the_floor = pybullet.getContactPoints(simulation.car_id, physicsClientId=simulation.client_id)
+    assert len(on_the_floor) >= 4  # there are contacts, of the wheels
+
+
 def test_reset_forgets_a_contact(simulate: Simulate) -> None:
     simulation = simulate()
     simulation.set_world(box_world(FRONT_WALL))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -20,7 +21,9 @@ from zebrat_bullet.world import load_world
 WARMUP_STEPS = 50
 
 
-def run_bench(world: str, n_steps: int, seed: int, rate_hz: float | None = None) -> dict[str, dict[str, float]]:
+def run_bench(
+    world: str, n_steps: int, seed: int, rate_hz: float | None = None, bearings: str = "all"
+) -> dict[str, dict[str, float]]:
     """Return, for each ray caster, medians over interleaved control steps of a car that steers at random.
 
     Args:
@@ -28,6 +31,7 @@ def run_bench(world: str, n_steps: int, seed: int, rate_hz: float | None = None)
         n_steps: control steps timed, a third of the number driven.
         seed: of start and steering.
         rate_hz: physics rate; None for the task's.
+        bearings: what a step casts, as `LidarConfig.bearings`.
 
     Returns:
         For "embree" and "bullet": `steps_per_s` and `rtf` (simulated seconds a second) of the full step; `overhead`,
@@ -38,7 +42,9 @@ def run_bench(world: str, n_steps: int, seed: int, rate_hz: float | None = None)
         raise ConfigError(f"steps must be at least 1, got {n_steps}")
     physics = PhysicsConfig() if rate_hz is None else PhysicsConfig(rate_hz=rate_hz)
     return {
-        caster: _bench(world, n_steps, seed, TaskConfig(physics=physics, lidar=LidarConfig(caster=caster)))
+        caster: _bench(
+            world, n_steps, seed, TaskConfig(physics=physics, lidar=LidarConfig(caster=caster, bearings=bearings))
+        )
         for caster in ("embree", "bullet")
     }
 
@@ -97,6 +103,7 @@ def _bench(world: str, n_steps: int, seed: int, task: TaskConfig) -> dict[str, f
     env = ZebratEnv(world, task=task)
     drive, rng = env.drive, np.random.default_rng(seed)
     env.reset(seed=seed)
+    sweep_as_the_step = partial(drive.lidar.sweep, watched_only=True)
     samples: dict[str, list[float]] = {}
 
     def timed(name: str, call: Callable[..., Any], *arguments: object) -> Any:
@@ -115,7 +122,7 @@ def _bench(world: str, n_steps: int, seed: int, task: TaskConfig) -> dict[str, f
         _, _, terminated, truncated, _ = timed("full", env.step, action)
         timed("bare_rays", drive.lidar.caster.trace)
         timed("physics", drive.sim.step, command)
-        sweep = timed("rays", drive.lidar.sweep, drive.state, rng)
+        sweep = timed("rays", sweep_as_the_step, drive.state, rng)
         timed("flatten", drive.lidar.flat, sweep)
         timed("bare_physics", bare_physics)
         if terminated or truncated:

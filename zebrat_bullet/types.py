@@ -112,7 +112,8 @@ class FlatScan:
     """A 2D scan, as ROS LaserScan: `ranges_m[i]` at bearing `-pi + i * 2 pi / n`; so back, right, ahead, left.
 
     Attributes:
-        ranges_m: (n,) float32, nearest horizontal range in each bearing; `range_max_m` where nothing was seen.
+        ranges_m: (n,) float32, nearest horizontal range in each bearing; `range_max_m` where nothing was seen, nan in
+            a bearing that was not cast (`LidarConfig.bearings`).
         range_max_m: the lidar's reach.
     """
 

@@ -10,7 +10,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from zebrat_bullet.config import REWARD_PRESETS, TaskConfig, with_reward
+from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
 from zebrat_bullet.errors import ZebratError
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
@@ -70,11 +70,26 @@ def noisy_options() -> argparse.ArgumentParser:
     return made
 
 
+def randomise_option() -> argparse.ArgumentParser:
+    """Return the option of cars and sensors that differ from what is written of them."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--randomise",
+        action="store_true",
+        help="dynamics drawn for each episode (RANDOM_DYNAMICS) and the noise of a VLP-16",
+    )
+    return made
+
+
 def task_of(arguments: argparse.Namespace) -> TaskConfig:
     """Return the task that the options describe."""
     task = with_reward(TaskConfig(robot=arguments.robot), arguments.reward)
     task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
-    return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise))
+    if getattr(arguments, "anywhere", False):
+        task = replace(task, episode=replace(task.episode, start="anywhere"))
+    if getattr(arguments, "randomise", False):
+        task = replace(task, noise=VLP16_NOISE, dynamics=RANDOM_DYNAMICS)
+    return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise)) if arguments.noise else task
 
 
 def file_name(agent: str) -> str:

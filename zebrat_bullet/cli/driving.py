@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,12 +16,13 @@ from zebrat_bullet.cli.common import (
     noisy_options,
     note,
     progress_bar,
+    randomise_option,
     reward_options,
     task_of,
     task_options,
 )
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.errors import PlanError, WorldError
+from zebrat_bullet.errors import ConfigError, PlanError, WorldError
 
 if TYPE_CHECKING:
     from zebrat_bullet.evaluation.metrics import Score
@@ -31,6 +33,8 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.report.tables import comparison_table
 
+    if arguments.generated:
+        return _evaluate_generated(arguments)
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
         out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
@@ -45,6 +49,29 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
+
+
+def _evaluate_generated(arguments: argparse.Namespace) -> Result:
+    """Judge one agent on generated tracks that were never trained on, with planar cars."""
+    from zebrat_bullet.evaluation.generated import judge_generated
+    from zebrat_bullet.world import HELD_OUT_SEED
+
+    if len(arguments.agent) != 1:
+        raise ConfigError("--generated judges one agent at a time; name one")
+    (agent,) = arguments.agent
+    out = arguments.out or Path("results") / f"generated-{file_name(agent)}"
+    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
+    workers = arguments.workers or len(os.sched_getaffinity(0))
+    task, noise = task_of(arguments), arguments.action_noise
+    score = judge_generated(agent, seeds, arguments.episodes, task, action_noise=noise, workers=workers)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "generated.json").write_text(json.dumps(score.as_dict()))
+    low, high = score.success_ci
+    text = (
+        f"{score.tracks} tracks x {score.starts} starts: {score.success:.2%} ({low:.2%}-{high:.2%}), worst tenth of "
+        f"the tracks {score.worst_tenth:.1%}; {', '.join(f'{n} {name}' for name, n in score.causes.items() if n)}"
+    )
+    return {name: value for name, value in score.as_dict().items() if name != "by_track"}, f"{text}\n{out}"
 
 
 def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tuple[dict[str, Score], str]":
@@ -163,7 +190,7 @@ def bench(arguments: argparse.Namespace) -> Result:
     elif arguments.agent:
         result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)}
     else:
-        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz)
+        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz, arguments.bearings)
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(result, indent=2))
@@ -207,7 +234,7 @@ def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(evaluate, task_options(), noisy_options(), reward_options())
+    made = command(evaluate, task_options(), noisy_options(), randomise_option(), reward_options())
     made.add_argument(
         "--agent",
         required=True,
@@ -215,13 +242,21 @@ def add(command: AddCommand) -> None:
         help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder",
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
+    made.add_argument(
+        "--generated",
+        type=int,
+        default=0,
+        metavar="N",
+        help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
+    )
+    made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
     made.add_argument("--workers", type=int, help="processes (default: one a core)")
 
     made = command(replay)
     made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
 
-    made = command(video, task_options(), noisy_options(), reward_options())
+    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options())
     made.add_argument("--agent", default="shipped")
     made.add_argument("--world", default="big_track")
     made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
@@ -246,3 +281,9 @@ def add(command: AddCommand) -> None:
     made.add_argument("--steps", type=int, default=1000)
     made.add_argument("--rounds", type=int, default=5, help="of --learning, each of so many --steps (default 5)")
     made.add_argument("--rate-hz", type=float, default=None, help="physics rate (default: the task's)")
+    made.add_argument(
+        "--bearings",
+        choices=("all", "region"),
+        default="all",
+        help="what a step casts: all, or what the region watches",
+    )

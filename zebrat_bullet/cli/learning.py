@@ -42,7 +42,7 @@ def train(arguments: argparse.Namespace) -> Result:
 
         def on_progress(at: Any) -> None:
             note = f"{at.steps_per_s:.0f} steps/s  success {at.recent_success:.0%}  best {at.best_success:.0%}"
-            bar.update(shown, completed=at.episode, total=at.n_episodes, description=note)
+            bar.update(shown, completed=at.done, total=at.total, description=note)
 
         if config is None:
             run.resume(folder, on_progress)
@@ -58,7 +58,7 @@ def train(arguments: argparse.Namespace) -> Result:
 
 def _run_name(arguments: argparse.Namespace) -> str:
     algo = [arguments.algo] if arguments.algo else []
-    reward = [arguments.reward] if arguments.reward != "fomt" else []
+    reward = [arguments.reward] if arguments.reward else []
     return "-".join([arguments.preset, *algo, *reward, f"seed{arguments.seed}"])
 
 
@@ -155,7 +155,8 @@ def teleop(arguments: argparse.Namespace) -> Result:
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(train, reward_options())
-    made.add_argument("--preset", choices=("paper",), default="paper")
+    made.set_defaults(reward=None)
+    made.add_argument("--preset", choices=("paper", "general", "quick"), default="paper")
     made.add_argument(
         "--algo",
         choices=("ddpg", "dqn", "sac", "ppo", "ppo-discrete"),

@@ -94,7 +94,7 @@ class ZebratEnv(gymnasium.Env):
         rng = np.random.default_rng([self._seed, self._n_episodes])
         self._n_episodes += 1
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
-        reading = self.drive.reset(rng, world, options.get("pose"))
+        reading = self.drive.reset(rng, world, options.get("pose"), whole_scans=self.render_mode is not None)
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict[str, float]()
         return self.spec_observation.encode(reading), {"world": world.name, "pose": self.drive.state.pose}
 

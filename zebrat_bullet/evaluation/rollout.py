@@ -38,7 +38,8 @@ def run_episode(
     """
     _check_privileges(agent)
     agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
-    reading = drive.reset(np.random.default_rng([seed, episode]), world, guided="waypoint" in agent.privileged)
+    rng = np.random.default_rng([seed, episode])
+    reading = drive.reset(rng, world, guided="waypoint" in agent.privileged, whole_scans=True)
     readings, states = [reading], [drive.state]
     commands: list[Command] = []
     steps: list[DriveStep] = []

@@ -16,6 +16,7 @@ from zebrat_bullet.geometry import wall_segments
 from zebrat_bullet.world.world import World
 
 CELL_M = 0.5
+_SHORTEST_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,13 @@ def chart(world: World, near_m: float, reach_m: float) -> Chart:
         WorldError: the world has no walls.
     """
     ends = wall_segments(shapely.orient_polygons(world.walls))
+    ends = ends[np.abs(ends[:, 1] - ends[:, 0]).max(axis=1) > _SHORTEST_M]
     if not len(ends):
         raise WorldError(f"{world.name}: has no walls, so there is nothing to sense; give it some")
     low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)
     origin = (low + high) / 2
-    a, b = ends[:, 0] - origin, ends[:, 1] - origin
+    ends = ends - origin
+    a, b = np.moveaxis(ends[(ends[:, 0] != ends[:, 1]).any(axis=1)], 1, 0)  # an outline may name a corner twice
     n_columns, n_rows = np.maximum(np.ceil((high - low) / CELL_M).astype(int), 1)
     corner = -0.5 * CELL_M * np.array([n_columns, n_rows])
     columns, rows = np.meshgrid(np.arange(n_columns), np.arange(n_rows))

@@ -11,6 +11,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations
+from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD
 
 NEAR_M = 0.2
 """Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
@@ -52,10 +53,16 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
         margin_m: walls so near to the outline count as touched.
 
     Raises:
-        ConfigError: some range of a wall is met by no lidar channel within the height band, or the margin is too wide.
+        ConfigError: some range of a wall is met by no lidar channel within the height band, the lidar is mounted at a
+            tilt, or the margin is too wide.
     """
     if not 0.0 <= margin_m < NEAR_M:
         raise ConfigError(f"margin_m must be in [0, {NEAR_M}), got {margin_m}")
+    if np.abs(robot.lidar_rpy[:2]).max() > LEVEL_TILT_RAD:
+        raise ConfigError(
+            f"{robot.urdf_path}: the lidar is mounted with roll and pitch {robot.lidar_rpy[:2].round(4).tolist()} rad, "
+            "and a plane has neither; mount it level, or use PyBullet"
+        )
     physics, lidar, noise = task.physics, task.lidar, task.noise
     outline = np.asarray(robot.footprint_base)
     along = np.roll(outline, -1, axis=0) - outline
@@ -105,21 +112,25 @@ def _channels(robot: RobotModel, task: TaskConfig) -> tuple[NDArray[np.float32],
     meets &= ranges[:, None] <= lidar.range_max_m * np.cos(elevations)
     n = meets.sum(axis=1)
     farthest = _horizon(lidar, height, band.height_min_m, min(band.height_max_m, WALL_M))
-    if (n[ranges < farthest] == 0).any():
+    unseen = (n == 0) & ((ranges < farthest) | (farthest == 0.0))
+    if unseen.any():
         raise ConfigError(
-            f"at {ranges[n == 0][0]:.2f} m no lidar channel meets a wall of {WALL_M} m within the height band, so the "
+            f"at {ranges[unseen][0]:.2f} m no lidar channel meets a wall of {WALL_M} m within the height band, so the "
             "planar car would see what this lidar does not; change lidar or flatten, or use PyBullet"
         )
     return np.maximum(n, 1).astype(np.float32), farthest
 
 
 def _horizon(lidar: LidarConfig, height: float, low: float, high: float) -> float:
-    """Return the greatest horizontal range in m from which some channel returns a wall that fills the band."""
+    """Return the greatest horizontal range in m from which some channel returns a wall that fills the band; 0 if none.
+
+    A channel meets the band from where it comes into it, until it leaves it or its reach ends.
+    """
     elevations = beam_elevations(lidar)
-    ranges = lidar.range_max_m * np.cos(elevations)
-    at = height + ranges * np.tan(elevations)
-    seen = ranges[(at >= low) & (at <= high)]
-    return float(seen.max(initial=0.0))
+    slopes = np.where(np.abs(elevations) < 1e-12, 1e-12, np.tan(elevations))
+    into, out = np.sort([(low - height) / slopes, (high - height) / slopes], axis=0)
+    last = np.minimum(out, lidar.range_max_m * np.cos(elevations))
+    return float(last[last >= np.maximum(into, 0.0)].max(initial=0.0))
 
 
 def to_device(values: NDArray, dtype: type, device: str) -> wp.array:

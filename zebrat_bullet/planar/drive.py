@@ -1,6 +1,6 @@
 """One task driven by N planar cars at once: what `task.drive` is for one car in PyBullet, by the same rules."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
 from zebrat_bullet.task.episode import EpisodeRules, anywhere_poses, open_lines, start_pose
@@ -95,8 +96,7 @@ class PlanarDrive:
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
         self.spec = observation_spec(task, self.region, raw)
-        n_bearings = task.lidar.n_bearings
-        sides = np.array([n_bearings // 4, 3 * n_bearings // 4])
+        sides = side_bearings(task.lidar.n_bearings)
         indices, places = np.unique(np.concatenate([self.region.indices, sides]), return_inverse=True)
         self._seen, self._sides = places[:-2], places[-2:]
         self._all_seen = len(indices) == len(self._seen) and bool((np.diff(self._seen) == 1).all())
@@ -229,22 +229,19 @@ class PlanarDrive:
         obs, command = self._obs(), self.sim.command
         return self.spec.encode_cars(obs, command) if cars is None else self.spec.encode_cars(obs[cars], command[cars])
 
-    def state(self) -> dict[str, Any]:
-        """Return all that a later `load` needs to go on here: arrays and plain values, copies."""
-        arrays = self.sim.state() | self._rules.state() | {"command": self.sim.command}
-        return {
-            "arrays": {name: on_host(array).copy() for name, array in arrays.items()}
-            | {"start": self._start.copy(), "noise_base": self._noise_base.copy()},
-            "n_steps": self._n_steps,
-            "rng": self._rng.bit_generator.state,
-        }
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray]]:
+        """Return copies of all that a later `load` needs to go on here: plain values, and arrays."""
+        plain = {"n_steps": self._n_steps, "rng": self._rng.bit_generator.state}
+        return plain, {name: on_host(array).copy() for name, array in self._arrays().items()}
 
-    def load(self, state: dict[str, Any]) -> Array:
+    def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Array:
         """Go on where `state` was taken, and return the (N, size) observations there."""
-        arrays = self.sim.state() | self._rules.state() | {"command": self.sim.command}
-        arrays |= {"start": self._start, "noise_base": self._noise_base}
-        for name, array in arrays.items():
-            array[...] = like(state["arrays"][name], array)
-        self._n_steps = state["n_steps"]
-        self._rng.bit_generator.state = state["rng"]
+        for name, array in self._arrays().items():
+            array[...] = like(arrays[name], array)
+        self._n_steps = plain["n_steps"]
+        self._rng.bit_generator.state = plain["rng"]
         return self._observe()
+
+    def _arrays(self) -> dict[str, Array]:
+        own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
+        return self.sim.state() | self._rules.state() | own

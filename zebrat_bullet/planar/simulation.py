@@ -1,7 +1,10 @@
 """Motion, contact and scan of N planar cars; knows nothing of tasks, rewards or episodes."""
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+import ctypes.util
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import numpy as np
 import warp as wp
@@ -37,7 +40,7 @@ class PlanarSimulation:
     Attributes:
         pose: (N, 3) float32, x, y in m and yaw in rad of the body's middle.
         motion: (N, 4) float32: left and right knuckle in rad, speed in m/s and yaw rate in rad/s of the rear axle.
-        contact: (N,) bool, the body touched a wall in the last step; the car stands there.
+        contact: (N,) bool, the body touched a wall in the last step, and the car went no further in it.
         ranges: (N, B) float32, m.
         command: (N, 2) float32, m/s and rad; `step` drives what stands here.
         origin: (W, 2) float64, m, world frame.
@@ -70,8 +73,9 @@ class PlanarSimulation:
         self._channels = self._upload(car.channels, wp.float32)
         self.add_worlds(worlds)
         try:
+            self._require_memory(n_cars, len(indices))
             self._allocate(n_cars, len(indices))
-        except (RuntimeError, MemoryError) as error:
+        except (RuntimeError, MemoryError, ValueError) as error:
             raise ConfigError(f"{n_cars} cars do not fit into the memory of {device!r}: {error}") from error
 
     def _upload(self, values: NDArray, dtype: type) -> wp.array:
@@ -81,6 +85,12 @@ class PlanarSimulation:
     def _in_order(self) -> AbstractContextManager[object]:
         """Queue what Warp does on a GPU behind what torch has queued there, and before what it queues next."""
         return nullcontext() if self.device == "cpu" else wp.ScopedStream(wp.stream_from_torch(self.device))
+
+    def _require_memory(self, n: int, n_rays: int) -> None:
+        """Raise MemoryError where a processor's arrays would not fit: Linux gives the memory and kills who fills it."""
+        needed, there = 4 * n * (n_rays + 21), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if self.device == "cpu" and needed > there:
+            raise MemoryError(f"their arrays take {needed / 2**30:.0f} GiB of {there / 2**30:.0f} GiB")
 
     def _allocate(self, n: int, n_rays: int) -> None:
         def made(shape: int | tuple[int, int], dtype: type) -> tuple[wp.array, Array]:
@@ -136,7 +146,8 @@ class PlanarSimulation:
             dynamics: (K, 5), as `draw_dynamics` returns them.
         """
         self.world[cars], self.pose[cars] = worlds, poses
-        self.motion[cars], self._asked_view[cars], self._clear_view[cars] = 0.0, 0.0, 0.0
+        self.motion[cars], self._clear_view[cars] = 0.0, 0.0
+        self._asked_view[cars, 0], self._asked_view[cars, 1] = 0.0, dynamics[:, 2]  # a late command follows this one
         self.contact[cars] = False
         self._dynamics_view[cars] = dynamics
         self._dynamics_view[cars, 4] = (dynamics[:, 4] * self._physics.rate_hz).round()
@@ -181,12 +192,30 @@ def find_device(name: str) -> str:
         ConfigError: it is unknown, or not there; the message lists those there are.
     """
     wp.config.log_level = wp.LOG_WARNING
-    wp.init()
+    with _no_warning_of_no_gpu():
+        wp.init()
     there = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     alias = "cuda:0" if name == "cuda" else name
     if alias not in there:
         raise ConfigError(f"device must be one of {', '.join(there)} on this machine, got {name!r}")
     return alias
+
+
+@contextmanager
+def _no_warning_of_no_gpu() -> Iterator[None]:
+    """Keep off the standard error what Warp's library writes there on every machine without a GPU's driver."""
+    if ctypes.util.find_library("cuda"):
+        yield
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def require_planar(world: World) -> None:

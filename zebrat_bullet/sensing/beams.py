@@ -13,6 +13,11 @@ def beam_bearings(n_bearings: int) -> NDArray[np.float64]:
     return np.linspace(-math.pi, math.pi, n_bearings, endpoint=False, dtype=np.float64)
 
 
+def side_bearings(n_bearings: int) -> tuple[int, int]:
+    """Return the scan indices that count as right and left: exactly abeam where `n_bearings` is a multiple of 4."""
+    return n_bearings // 4, 3 * n_bearings // 4
+
+
 def beam_elevations(config: LidarConfig) -> NDArray[np.float64]:
     """Return the (n_channels,) elevations in rad, lowest first, evenly spaced from the lowest to the highest."""
     return np.linspace(config.elevation_min_rad, config.elevation_max_rad, config.n_channels)

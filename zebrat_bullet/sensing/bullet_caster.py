@@ -34,36 +34,42 @@ class BulletCaster:
     """Casts with `rayTestBatch`; the simulation owns walls and floor and hides the car from the rays."""
 
     def __init__(self, directions: NDArray[np.float32], range_max_m: float, client_id: int) -> None:
-        n_rays = len(directions)
         self._range_max_m = range_max_m
         self._client_id = client_id
         self._beams_lidar = directions * np.float64(range_max_m)
-        self._from_world = np.zeros((n_rays, 3))
+        self._from_world = np.zeros_like(self._beams_lidar)
         self._to_world = self._beams_lidar.copy()
-        self._batches = [
-            (self._from_world[i : i + MAX_RAYS_PER_CALL], self._to_world[i : i + MAX_RAYS_PER_CALL])
-            for i in range(0, n_rays, MAX_RAYS_PER_CALL)
-        ]
+        self._n_aimed = len(directions)
 
     def set_world(self, world: World) -> None:
         """Do nothing: the simulation puts the world into the client."""
 
-    def cast(self, origin_world: NDArray[np.float64], rotation_world: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the (N,) range in m of each beam, the reach where there was no return (see `RayCaster`)."""
-        self._from_world[:] = origin_world
-        np.matmul(self._beams_lidar, rotation_world.T, out=self._to_world)
-        self._to_world += origin_world
+    def cast(
+        self,
+        origin_world: NDArray[np.float64],
+        rotation_world: NDArray[np.float64],
+        beams: NDArray[np.intp] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the (M,) range in m of each beam, the reach where there was no return (see `RayCaster`)."""
+        aimed = self._beams_lidar if beams is None else self._beams_lidar.take(beams, axis=0)
+        self._n_aimed = len(aimed)
+        to_world = self._to_world[: self._n_aimed]
+        np.matmul(aimed, rotation_world.T, out=to_world)
+        to_world += origin_world
+        self._from_world[: self._n_aimed] = origin_world
         with _garbage_collector_paused():
             hits = chain.from_iterable(self.trace())
-            fractions = np.fromiter(map(_hit_fraction, hits), np.float32, len(self._beams_lidar))
+            fractions = np.fromiter(map(_hit_fraction, hits), np.float32, self._n_aimed)
             del hits
         fractions *= self._range_max_m
         return fractions
 
     def trace(self) -> list[tuple[Any, ...]]:
-        """Return the raw hits of each batch, for the rays as last aimed."""
+        """Return the raw hits of each batch, for the rays last aimed."""
+        start, end = self._from_world[: self._n_aimed], self._to_world[: self._n_aimed]
+        batches = [slice(i, i + MAX_RAYS_PER_CALL) for i in range(0, self._n_aimed, MAX_RAYS_PER_CALL)]
         with _garbage_collector_paused():
             return [
-                pybullet.rayTestBatch(start, end, numThreads=1, physicsClientId=self._client_id)
-                for start, end in self._batches
+                pybullet.rayTestBatch(start[batch], end[batch], numThreads=1, physicsClientId=self._client_id)
+                for batch in batches
             ]

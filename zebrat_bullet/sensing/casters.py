@@ -10,21 +10,27 @@ from zebrat_bullet.world.world import World
 
 
 class RayCaster(Protocol):
-    """Casts a fixed set of beams from any pose, against the walls of a world and the floor z = 0."""
+    """Casts a fixed set of beams, or some of them, from any pose, against the walls of a world and the floor z = 0."""
 
     def set_world(self, world: World) -> None:
         """Cast against this world from now on."""
 
-    def cast(self, origin_world: NDArray[np.float64], rotation_world: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the (N,) range in m of each beam; exactly the reach of the lidar where there was no return.
+    def cast(
+        self,
+        origin_world: NDArray[np.float64],
+        rotation_world: NDArray[np.float64],
+        beams: NDArray[np.intp] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the (M,) range in m of each beam; exactly the reach of the lidar where there was no return.
 
         Args:
             origin_world: (3,) position of the lidar in m.
             rotation_world: (3, 3) turns vectors of the lidar frame into the world frame.
+            beams: (M,) which of the N beams to cast, None for all; each gets the same range either way.
         """
 
     def trace(self) -> object:
-        """Repeat the library's own call for the beams as `cast` last aimed them, the bare cast of a benchmark."""
+        """Repeat the library's own call for the beams that `cast` last aimed, the bare cast of a benchmark."""
 
 
 def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, client_id: int | None) -> RayCaster:

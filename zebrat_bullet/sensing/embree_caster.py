@@ -23,6 +23,7 @@ class EmbreeCaster:
         self._aim = np.zeros((4, 6), np.float32)
         self._rays = np.zeros((n_rays, 6), np.float32)
         self._ray_tensor = o3d.core.Tensor.from_numpy(self._rays)  # shares the array's memory
+        self._n_aimed = n_rays
         self._scene: o3d.t.geometry.RaycastingScene | None = None
         # Keyed by identity; each entry holds its world, so that no id is reused while it is a key.
         self._scenes: OrderedDict[int, tuple[World, o3d.t.geometry.RaycastingScene]] = OrderedDict()
@@ -37,23 +38,30 @@ class EmbreeCaster:
         self._scenes.move_to_end(key)
         self._scene = self._scenes[key][1]
 
-    def cast(self, origin_world: NDArray[np.float64], rotation_world: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the (N,) range in m of each beam, the reach where there was no return (see `RayCaster`)."""
+    def cast(
+        self,
+        origin_world: NDArray[np.float64],
+        rotation_world: NDArray[np.float64],
+        beams: NDArray[np.intp] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the (M,) range in m of each beam, the reach where there was no return (see `RayCaster`)."""
         self._aim[:3, 3:] = rotation_world.T
         self._aim[3, :3] = origin_world
-        np.matmul(self._beams, self._aim, out=self._rays)
+        aimed = self._beams if beams is None else self._beams.take(beams, axis=0)
+        self._n_aimed = len(aimed)
+        np.matmul(aimed, self._aim, out=self._rays[: self._n_aimed])
         ranges: NDArray[np.float32] = self.trace()["t_hit"].numpy()
         return np.minimum(ranges, self._range_max_m, out=ranges)
 
     def trace(self) -> dict[str, o3d.core.Tensor]:
-        """Return Open3D's raw answer for the rays as last aimed.
+        """Return Open3D's raw answer for the rays last aimed.
 
         Raises:
             RuntimeError: `set_world` was never called.
         """
         if self._scene is None:
             raise RuntimeError("no world to cast against; call set_world first")
-        return self._scene.cast_rays(self._ray_tensor, nthreads=1)
+        return self._scene.cast_rays(self._ray_tensor[: self._n_aimed], nthreads=1)
 
 
 def _build_scene(world: World) -> o3d.t.geometry.RaycastingScene:

@@ -44,19 +44,32 @@ class LevelFlattener:
 
     def __init__(self, lidar: LidarConfig, config: FlattenConfig) -> None:
         elevation = beam_elevations(lidar)[:, None]
-        self._shape = (lidar.n_channels, lidar.n_bearings)
+        self._n_channels, self._n_bearings = lidar.n_channels, lidar.n_bearings
         self._config = config
         self._range_max_m = lidar.range_max_m
         self._cos = np.cos(elevation).astype(np.float32)
         self._sin = np.sin(elevation).astype(np.float32)
 
-    def flatten(self, ranges_m: NDArray[np.float32], height_m: float) -> FlatScan:
-        """Flatten the (N,) ranges in m, channel-major, of a lidar `height_m` above the floor."""
-        ranges = ranges_m.reshape(self._shape)
+    def flatten(
+        self, ranges_m: NDArray[np.float32], height_m: float, bearings: NDArray[np.intp] | None = None
+    ) -> FlatScan:
+        """Flatten a sweep of a lidar `height_m` above the floor.
+
+        Args:
+            ranges_m: (N,) range in m of each beam, channel-major.
+            height_m: of the lidar above the floor.
+            bearings: (W,) the bearings that were cast; the scan is nan in the others. None for all.
+        """
+        ranges = ranges_m.reshape(self._n_channels, -1)
         rise = ranges * self._sin
         outside = rise < self._config.height_min_m - height_m
         outside |= rise > self._config.height_max_m - height_m
         outside |= ranges >= self._range_max_m
         horizontal = ranges * self._cos
         horizontal[outside] = self._range_max_m
-        return FlatScan(horizontal.min(axis=0), self._range_max_m)
+        nearest = horizontal.min(axis=0)
+        if bearings is None:
+            return FlatScan(nearest, self._range_max_m)
+        whole = np.full(self._n_bearings, np.nan, np.float32)
+        whole[bearings] = nearest
+        return FlatScan(whole, self._range_max_m)

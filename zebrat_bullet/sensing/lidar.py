@@ -15,6 +15,8 @@ from zebrat_bullet.sensing.noise import NoiseModel
 from zebrat_bullet.types import FlatScan, PointCloud, RobotState
 from zebrat_bullet.world.world import World
 
+_LEVEL = np.eye(3)
+
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
@@ -25,11 +27,13 @@ class Sweep:
         rotation_level: (3, 3) float64, turns lidar-frame vectors into the gravity-levelled frame at the lidar, whose x
             axis points along the car's heading.
         height_m: height of the lidar above the floor, as the car believes it.
+        bearings: (W,) the bearings that were cast, so that N is W in each channel; None for all.
     """
 
     ranges_m: NDArray[np.float32]
     rotation_level: NDArray[np.float64]
     height_m: float
+    bearings: NDArray[np.intp] | None = None
 
 
 class Lidar:
@@ -41,6 +45,7 @@ class Lidar:
         noise: imperfections; its mount error moves the beams, while cloud and scan are read as if the URDF were right.
         flatten: height band of the scan.
         client_id: PyBullet client of the simulation, whose walls, floor and ray filter the "bullet" caster uses.
+        watched: (W,) the bearings to which a sweep may be confined, by their scan indices; None for all.
 
     Attributes:
         caster: the ray caster, whose `trace` is the bare library call.
@@ -56,6 +61,7 @@ class Lidar:
         noise: NoiseConfig,
         flatten: FlattenConfig,
         client_id: int | None = None,
+        watched: NDArray[np.intp] | None = None,
     ) -> None:
         self._config = config
         self._flatten_config = flatten
@@ -66,37 +72,60 @@ class Lidar:
         self._mount_rotation = rotation_from_rpy(*robot.lidar_rpy)
         self._true_xyz = self._mount_xyz + noise.mount_xyz_m
         self._true_rotation = rotation_from_rpy(0.0, 0.0, noise.mount_yaw_rad) @ self._mount_rotation
+        self._watched = watched
+        channels = np.arange(0, len(self._directions), config.n_bearings)
+        self._watched_beams = None if watched is None else np.add.outer(channels, watched).ravel()
         self.caster: RayCaster = make_caster(config.caster, self._directions, config.range_max_m, client_id)
 
     def set_world(self, world: World) -> None:
         """Look at this world from now on."""
         self.caster.set_world(world)
 
-    def scan(self, state: RobotState, rng: np.random.Generator) -> FlatScan:
-        """Return the flattened scan of one sweep from `state`; `rng` draws the noise."""
-        return self.flat(self.sweep(state, rng))
+    def scan(self, state: RobotState, rng: np.random.Generator, *, watched_only: bool = False) -> FlatScan:
+        """Return the flattened scan of one `sweep`."""
+        return self.flat(self.sweep(state, rng, watched_only=watched_only))
 
-    def sweep(self, state: RobotState, rng: np.random.Generator) -> Sweep:
-        """Cast all beams from `state`; `rng` draws the noise, if there is any."""
+    def sweep(self, state: RobotState, rng: np.random.Generator, *, watched_only: bool = False) -> Sweep:
+        """Cast the beams from `state`.
+
+        Args:
+            state: where the car stands.
+            rng: draws the noise, if there is any, for every beam, cast or not.
+            watched_only: cast the watched bearings alone. In them the scan is the same as if all were cast: tilted, a
+                lidar sees into a bearing from its neighbours too, and then all are cast.
+        """
         pose = state.pose
         base = (pose.x, pose.y, state.height_m)
         body = rotation_from_rpy(state.roll, state.pitch, pose.yaw)
         tilt = rotation_from_rpy(state.roll, state.pitch, 0.0)
-        ranges = self.caster.cast(base + body @ self._true_xyz, body @ self._true_rotation)
-        ranges = self._noise.apply(ranges, self._config.range_max_m, rng)
+        rotation_level = tilt @ self._mount_rotation
         height = state.height_m + float(tilt[2] @ self._mount_xyz)
-        return Sweep(ranges, tilt @ self._mount_rotation, height)
+        part = watched_only and _is_level(rotation_level)
+        beams = self._watched_beams if part else None
+        ranges = self.caster.cast(base + body @ self._true_xyz, body @ self._true_rotation, beams)
+        return Sweep(self._with_noise(ranges, beams, rng), rotation_level, height, self._watched if part else None)
+
+    def _with_noise(
+        self, ranges_m: NDArray[np.float32], beams: NDArray[np.intp] | None, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        reach = self._config.range_max_m
+        if beams is None or not self._noise.draws:
+            return self._noise.apply(ranges_m, reach, rng)
+        every = np.full(len(self._directions), reach, np.float32)
+        every[beams] = ranges_m
+        return self._noise.apply(every, reach, rng)[beams]
 
     def flat(self, sweep: Sweep) -> FlatScan:
         """Return the flattened scan of a sweep, about the lidar's origin, index 0 straight back of the car."""
         if _is_level(sweep.rotation_level):
-            return self._flattener.flatten(sweep.ranges_m, sweep.height_m)
+            return self._flattener.flatten(sweep.ranges_m, sweep.height_m, sweep.bearings)
         return flatten_cloud(self.cloud(sweep), self._flatten_config, self._config.n_bearings, self._config.range_max_m)
 
     def cloud(self, sweep: Sweep) -> PointCloud:
-        """Return the point cloud of a sweep."""
+        """Return the point cloud of a sweep, of the beams that were cast."""
+        directions = self._directions if sweep.bearings is None else self._directions[self._watched_beams]
         return PointCloud(
-            points_lidar=sweep.ranges_m[:, None] * self._directions,
+            points_lidar=sweep.ranges_m[:, None] * directions,
             valid=sweep.ranges_m < self._config.range_max_m,
             rotation_level=sweep.rotation_level,
             height_m=sweep.height_m,
@@ -105,4 +134,4 @@ class Lidar:
 
 def _is_level(rotation_level: NDArray[np.float64]) -> bool:
     """Return whether a rotation is closer to none at all than `LEVEL_TILT_RAD` about every axis."""
-    return bool(np.abs(rotation_level - np.eye(3)).max() < LEVEL_TILT_RAD)
+    return bool(np.abs(rotation_level - _LEVEL).max() < LEVEL_TILT_RAD)

@@ -15,6 +15,11 @@ class NoiseModel:
     def __init__(self, config: NoiseConfig) -> None:
         self._config = config
 
+    @property
+    def draws(self) -> bool:
+        """Whether `apply` draws anything."""
+        return self._config.range_sigma_m > 0.0 or self._config.dropout > 0.0
+
     def apply(self, ranges_m: NDArray[np.float32], range_max_m: float, rng: np.random.Generator) -> NDArray[np.float32]:
         """Return the (N,) ranges in m as the sensor reports them; `range_max_m` stands for no return, in and out.
 

@@ -30,7 +30,9 @@ class PhysicsClient:
         self.close.atexit = False
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        return partial(getattr(pybullet, name), physicsClientId=self.id)
+        bound = partial(getattr(pybullet, name), physicsClientId=self.id)
+        self.__dict__[name] = bound  # found there from now on, without coming here
+        return bound
 
 
 def clear(client: PhysicsClient, physics: PhysicsConfig) -> None:

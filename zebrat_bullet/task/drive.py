@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
@@ -56,8 +57,11 @@ class Drive:
         self.world = world
         self.robot = load_robot(config.robot)
         self.sim = Simulation(self.robot, config.physics)
-        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id)
-        self.region = make_region(self.robot, config.region, config.lidar.n_bearings)
+        n = config.lidar.n_bearings
+        self.region = make_region(self.robot, config.region, n)
+        self._sides = list(side_bearings(n))
+        watched = np.union1d(self.region.indices, self._sides) if config.lidar.bearings == "region" else None
+        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id, watched)
         self._rules = EpisodeRules(config.episode, self.robot, np.zeros((1, 3)))
         self.state: RobotState
 
@@ -68,6 +72,7 @@ class Drive:
         pose: Pose2 | None = None,
         *,
         guided: bool = False,
+        whole_scans: bool = False,
     ) -> Reading:
         """Begin an episode and return the first reading.
 
@@ -76,6 +81,8 @@ class Drive:
             world: a new world, or None for the last one.
             pose: an exact start pose, or None to draw one as the task says.
             guided: readings name the next waypoint, also where neither reward nor observation of the task need it.
+            whole_scans: readings hold whole scans, for whoever records or draws them, also where `LidarConfig.bearings`
+                confines the lidar to the bearings that the task itself looks at.
 
         Raises:
             ConfigError: the episode is guided and the world has no waypoints.
@@ -90,6 +97,7 @@ class Drive:
         self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps)
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
         self._n_steps = 0
+        self._whole_scans = whole_scans
         return self._read(Command(0.0, 0.0))
 
     def step(self, command: Command) -> DriveStep:
@@ -116,7 +124,7 @@ class Drive:
         return start_pose(self.world, rng)
 
     def _read(self, command: Command) -> Reading:
-        scan = self.lidar.scan(self.state, self._noise_rng)
+        scan = self.lidar.scan(self.state, self._noise_rng, watched_only=not self._whole_scans)
         clearance = self.region.measure(scan)
         time_s = self._n_steps * self.config.physics.control_step_s
         waypoint = self._guide.waypoint(self.state.pose) if self._guide else None
@@ -125,8 +133,7 @@ class Drive:
     def _judge(self, command: Command, reading: Reading, nearer_m: float) -> tuple[int, dict[str, float], float]:
         """Return code of the outcome, terms and reward: the rules of many cars, for one."""
         clearance = self.region.clearances(reading.clearance.obs_m[None])
-        scan = reading.scan.ranges_m
-        open_width = scan[None, len(scan) // 4] + scan[None, 3 * len(scan) // 4]
+        open_width = reading.scan.ranges_m[self._sides].sum(keepdims=True)
         outcome = self._rules.judge(self._poses(), np.array([self.state.contact]), clearance.collision, open_width)
         commands = Commands(np.array([command.speed_mps]), np.array([command.steering_rad]))
         speed, nearer = np.array([self.state.speed_mps]), np.array([nearer_m])

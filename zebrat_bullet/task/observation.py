@@ -52,6 +52,7 @@ class ObservationSpec:
     waypoint: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "gap_ranges_m", tuple(self.gap_ranges_m))  # JSON knows lists only
         if len(self.gap_ranges_m) not in (0, self.n_rays):
             raise ConfigError(f"gap_ranges_m must hold none or {self.n_rays} ranges, got {len(self.gap_ranges_m)}")
 

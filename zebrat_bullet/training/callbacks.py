@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
@@ -34,10 +35,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a run stands: finished episodes of all, steps a second, success rate of the last episodes."""
+    """Where a run stands: how much is done of all, steps a second, success rate of the last episodes."""
 
-    episode: int
-    n_episodes: int
+    done: int
+    total: int
     steps_per_s: float
     recent_success: float
     best_success: float
@@ -172,7 +173,7 @@ class RunCallback(BaseCallback):
         return to_agent(self.model, name, self._observation, provenance)
 
     def _evaluate(self) -> None:
-        self._refuse_non_finite()
+        refuse_non_finite(self.model, self._folder, f"episode {self._episode}")
         self._evaluated_at = self._episode
         agent = self._agent("best")
         records = [
@@ -218,11 +219,17 @@ class RunCallback(BaseCallback):
             *(self._episode, finding.name, finding.measured, path),
         )
 
-    def _refuse_non_finite(self) -> None:
-        if all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
-            return
-        self.model.save(self._folder / "non_finite.zip")
-        raise SimulationError(
-            f"a network weight is not finite after episode {self._episode}; the learner was saved as "
-            f"{self._folder / 'non_finite.zip'}; train anew with lower learning rates"
-        )
+
+def refuse_non_finite(model: BaseAlgorithm, folder: Path, after: str) -> None:
+    """Raise where a network weight is not finite; the learner is saved first.
+
+    Raises:
+        SimulationError: one is.
+    """
+    if all(torch.isfinite(parameter).all() for parameter in model.policy.parameters()):
+        return
+    model.save(folder / "non_finite.zip")
+    raise SimulationError(
+        f"a network weight is not finite after {after}; the learner was saved as {folder / 'non_finite.zip'}; "
+        "train anew with lower learning rates"
+    )

@@ -13,7 +13,7 @@ from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.ppo import RunPPO, ScaledRewards
-from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig, TrainConfig
+from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig, TrainConfig
 
 
 class PaperDQN(RunBudget, DQN):
@@ -47,8 +47,7 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     if isinstance(settings, PPOConfig):
         if settings.activation == "tanh":
             network["activation_fn"] = nn.Tanh
-        if settings.reward_scale != 1.0:
-            common["env"] = ScaledRewards(env, settings.reward_scale)
+        common["env"] = scaled(env, settings)
         return RunPPO(
             "MlpPolicy",
             **common,
@@ -72,6 +71,12 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     if isinstance(model, RunBudget):
         model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
     return model
+
+
+def scaled(env: Any, settings: Learner) -> Any:
+    """Return a vectorised environment whose rewards are scaled as a learner wants them."""
+    scale = settings.reward_scale if isinstance(settings, PPOConfig) else 1.0
+    return env if scale == 1.0 else ScaledRewards(env, scale)
 
 
 def _build_off_policy(
@@ -105,7 +110,8 @@ def to_agent(
     networks, head = _policy_networks(model)
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    activation = "tanh" if any(isinstance(layer, nn.Tanh) for network in networks for layer in network.modules()) else "relu"
+    curved = any(isinstance(layer, nn.Tanh) for network in networks for layer in network.modules())
+    activation = "tanh" if curved else "relu"
     return PolicyAgent(name, layers, observation, provenance, head, activation)
 
 

@@ -17,10 +17,13 @@ from zebrat_bullet.training.callbacks import Progress, refuse_non_finite
 from zebrat_bullet.training.checkpoint import save_checkpoint
 from zebrat_bullet.training.learners import to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
+from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
 
 LOGGED_CARS = 4
+FORGET = 0.1
+"""How much of a track's success the latest episode there is."""
 RECENT = 2000
 
 
@@ -33,6 +36,7 @@ class PlanarCallback(BaseCallback):
         config: the run.
         planar: its planar part.
         folder: where it writes.
+        cars: the cars that learn.
         judge: cars in the validation worlds, one for each episode of an evaluation.
         provenance: what an exported policy says of its origin.
         on_progress: told after every rollout.
@@ -44,13 +48,15 @@ class PlanarCallback(BaseCallback):
         config: TrainConfig,
         planar: PlanarConfig,
         folder: Path,
+        cars: PlanarVecEnv,
         judge: PlanarDrive,
         provenance: dict[str, object],
         on_progress: Callable[[Progress], None],
         state: dict[str, Any],
     ) -> None:
         super().__init__()
-        self._config, self._planar, self._folder, self._judge = config, planar, folder, judge
+        self._config, self._planar, self._folder = config, planar, folder
+        self._cars, self._judge = cars, judge
         self._provenance, self._on_progress = provenance, on_progress
         self._episode = state.get("episode", 0)
         self._best = tuple(state["best"]) if state.get("best") else None
@@ -61,7 +67,9 @@ class PlanarCallback(BaseCallback):
         self._evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS)
         for log in (self._episodes, self._evaluations):
             log.cut_after(self._episode)
-        self._good_enough = False
+        self._good_enough = self._over = False
+        # By world: half means nothing is known, and is where most is to be learned.
+        self._learned = np.array(state.get("learned", [0.5] * len(cars.env.drive.worlds)))
 
     def _on_training_start(self) -> None:
         self._began = time.monotonic()
@@ -71,9 +79,10 @@ class PlanarCallback(BaseCallback):
         for car, info in enumerate(self.locals["infos"]):
             if info:
                 self._recent.append(info["is_success"])
+                self._learned[info["world"]] += FORGET * (info["is_success"] - self._learned[info["world"]])
                 if car < LOGGED_CARS:
                     self._log_episode(car, info)
-        return True
+        return not self._over
 
     def _on_rollout_start(self) -> None:
         if isinstance(self.model, RunPPO):
@@ -81,18 +90,16 @@ class PlanarCallback(BaseCallback):
         if self.num_timesteps - self._evaluated_at >= self._planar.eval_every_steps:
             self._evaluate()
             self.save()
+        # Only between two rollouts: one that is cut short would not be learned from.
+        self._over = self._good_enough or self._share_done() >= 1.0
+        if self._planar.curriculum > 0.0:
+            interest = self._planar.curriculum + self._learned * (1.0 - self._learned)
+            self._cars.env.drive.weights = interest / interest.sum()
         elapsed = max(time.monotonic() - self._began, 1e-9)
         steps_per_s = (self.num_timesteps - self._first_step) / elapsed
         recent = sum(self._recent) / max(len(self._recent), 1)
         done = round(100 * min(self._share_done(), 1.0))
         self._on_progress(Progress(done, 100, steps_per_s, recent, self._best[0] if self._best else 0.0))
-
-    def _on_rollout_end(self) -> None:
-        """End the run here, between two rollouts, and only here: a rollout cut short would not be learned from."""
-
-    def is_over(self) -> bool:
-        """Return whether the run has come to its end, by length or by merit."""
-        return self._share_done() >= 1.0 or self._good_enough
 
     def _on_training_end(self) -> None:
         if self._evaluated_at != self.num_timesteps:
@@ -102,15 +109,16 @@ class PlanarCallback(BaseCallback):
     def save(self) -> None:
         """Write the last policy and a checkpoint."""
         save_policy(self._agent("last"), self._folder / "last.safetensors")
-        cars = self.training_env.env_method("state", indices=0)[0]
+        plain, arrays = self._cars.state()
         state = {
             "episode": self._episode,
             "best": self._best,
             "wall_s": self._wall_s(),
             "evaluated_at": self._evaluated_at,
-            "cars": cars.plain,
+            "cars": plain,
+            "learned": self._learned.tolist(),
         }
-        save_checkpoint(self._folder / "checkpoint", self.model, state, cars.arrays)
+        save_checkpoint(self._folder / "checkpoint", self.model, state, arrays)
 
     def _wall_s(self) -> float:
         return self._wall_before + time.monotonic() - self._began
@@ -150,12 +158,13 @@ class PlanarCallback(BaseCallback):
         self._judge.reset(self._config.seed)  # the same dynamics and noise every time
         trial = drive_out(self._judge, agent.actions, worlds, self._judge.starts[worlds, starts])
         success = trial.outcome == Outcome.SUCCESS.code
+        rate = float(success.mean())
         collision = float((trial.outcome == Outcome.COLLISION.code).mean())
         step_s = self._config.task.physics.control_step_s
-        row = {
-            "success": float(success.mean()),
+        row: dict[str, float | None] = {
+            "success": rate,
             "collision": collision,
-            "fail": 1.0 - float(success.mean()) - collision,
+            "fail": 1.0 - rate - collision,
             "time_s": float(trial.n_steps[success].mean()) * step_s if success.any() else None,
         }
         best = self._best is None or rank(row) >= self._best  # of equals, the longer trained
@@ -163,7 +172,7 @@ class PlanarCallback(BaseCallback):
             self._best = rank(row)
             save_policy(agent, self._folder / "best.safetensors")
             self.model.save(self._folder / "best.zip")
-        self._good_enough = self._config.stop_at is not None and row["success"] >= self._config.stop_at
+        self._good_enough = self._config.stop_at is not None and rate >= self._config.stop_at
         where = {"episode": self._episode, "total_steps": self.num_timesteps, "wall_s": round(self._wall_s(), 2)}
         self._evaluations.append(where | row | {"best": int(best)})
         self.logger.record("evaluation/success", row["success"])

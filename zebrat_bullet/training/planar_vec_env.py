@@ -1,6 +1,6 @@
 """Planar cars as Stable-Baselines3 wants them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,14 +59,15 @@ class PlanarVecEnv(VecEnv):
         self._returns[step.ended], self._lengths[step.ended] = 0.0, 0
         return on_host(step.observation), reward, outcome > 0, infos
 
-    def state(self) -> dict[str, Any]:
-        """Return all that a later `load` needs to go on here."""
-        return {"drive": self.env.drive.state(), "returns": self._returns.copy(), "lengths": self._lengths.copy()}
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray]]:
+        """Return all that a later `load` needs to go on here: plain values, and arrays."""
+        plain, arrays = self.env.drive.state()
+        return plain, arrays | {"returns": self._returns.copy(), "lengths": self._lengths.copy()}
 
-    def load(self, state: dict[str, Any]) -> VecEnvObs:
-        """Go on where `state` was taken, and return the observations there."""
-        self._returns[:], self._lengths[:] = state["returns"], state["lengths"]
-        return on_host(self.env.drive.load(state["drive"]))
+    def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> None:
+        """Go on where `state` was taken."""
+        self._returns[:], self._lengths[:] = arrays["returns"], arrays["lengths"]
+        self.env.drive.load(plain, arrays)
 
     def close(self) -> None:
         """Do nothing: memory goes with the object."""

@@ -1,6 +1,7 @@
 """One training run, from its settings to its folder: config, versions, episode log, best and last policy."""
 
 import json
+import os
 import platform
 import subprocess
 from collections.abc import Callable
@@ -14,18 +15,23 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from zebrat_bullet.config import TaskConfig, from_json, to_json
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
-from zebrat_bullet.training.checkpoint import load_checkpoint
-from zebrat_bullet.training.learners import DISCRETE, build_learner
+from zebrat_bullet.training.checkpoint import load_arrays, load_checkpoint
+from zebrat_bullet.training.learners import DISCRETE, build_learner, scaled
+from zebrat_bullet.training.planar_callback import PlanarCallback
+from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
-from zebrat_bullet.training.settings import TrainConfig, require_init
+from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
-from zebrat_bullet.world import load_world
+from zebrat_bullet.world import generate_tracks, load_world
 
 STEPS_WITHOUT_END = 10**9
-VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium")
+VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
 
 
 def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
@@ -47,7 +53,7 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
-    _run(config, folder, on_progress, resume=False)
+    _run_where(config)(config, folder, on_progress, resume=False)
     _finish(folder)
 
 
@@ -61,7 +67,8 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     require_run(folder)
     if is_finished(folder):
         return
-    _run(from_json(TrainConfig, (folder / "config.json").read_text()), folder, on_progress, resume=True)
+    config = from_json(TrainConfig, (folder / "config.json").read_text())
+    _run_where(config)(config, folder, on_progress, resume=True)
     _finish(folder)
 
 
@@ -82,7 +89,12 @@ def _finish(folder: Path) -> None:
     part.replace(folder / SUMMARY)
 
 
-def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
+def _run_where(config: TrainConfig) -> Callable[..., None]:
+    """Return what runs a training: on PyBullet's car, or on planar ones."""
+    return _run_in_bullet if config.planar is None else _run_on_plane
+
+
+def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
     torch.set_num_threads(config.threads)
     algo = config.learner.algo
     train_worlds = [load_world(name) for name in config.worlds]
@@ -109,6 +121,35 @@ def _run(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], No
     finally:
         vec_env.close()
         judge.close()
+
+
+def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
+    assert config.planar is not None
+    torch.set_num_threads(config.threads)
+    planar, algo, workers = config.planar, config.learner.algo, len(os.sched_getaffinity(0))
+    if algo in DISCRETE:
+        raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
+    robot = load_robot(config.task.robot)
+    tracks = generate_tracks(range(planar.n_tracks), tightness=planar.tightness, robot=robot, workers=workers)
+    worlds = [*map(load_world, config.worlds), *tracks]
+    kept = range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)
+    eval_worlds = list(generate_tracks(kept, robot=robot, workers=workers))
+    cars = PlanarVecEnv(
+        PlanarVectorEnv(planar.n_cars, worlds, task=config.task, device=planar.device, margin_m=planar.margin_m)
+    )
+    cars.seed(config.seed)
+    n_judged = planar.n_eval_tracks * planar.n_eval_starts
+    judge = PlanarDrive(_from_the_start(config.task), eval_worlds, n_judged, device=planar.device)
+    if resume:
+        model, state = load_checkpoint(folder / "checkpoint", algo, scaled(cars, config.learner))
+        cars.load(state["cars"], load_arrays(folder / "checkpoint"))
+    else:
+        model, state = build_learner(config, cars), {}
+        _begin_with(model, config.init)
+    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+    provenance = {"config": json.loads(to_json(config))} | run_versions()
+    callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
+    model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
 
 
 def _begin_with(model: BaseAlgorithm, init: str) -> None:

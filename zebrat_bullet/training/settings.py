@@ -145,9 +145,11 @@ class PlanarConfig:
         device: "cpu" or "cuda", where they drive.
         n_tracks: generated tracks that join the run's worlds, of the seeds from 0 on.
         tightness: share of tight turns among their turns.
+        curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there
+            is something to learn (Sampling For Learnability); 0: all alike.
         margin_m: walls so near to the outline count as touched while it learns.
-        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and start poses in each, by which
-            the best policy is chosen; driven as trained, sensor and dynamics drawn at random, without exploration.
+        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and episodes from the start of
+            each, by which the best policy is chosen; sensor and dynamics drawn as in training, no exploration.
         eval_every_steps: steps between two evaluations, and between two checkpoints.
     """
 
@@ -155,6 +157,7 @@ class PlanarConfig:
     device: str = "cpu"
     n_tracks: int = 2000
     tightness: float = 0.8
+    curriculum: float = 0.03
     margin_m: float = 0.02
     n_eval_tracks: int = 250
     n_eval_starts: int = 4
@@ -162,7 +165,7 @@ class PlanarConfig:
 
     def __post_init__(self) -> None:
         _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
-        _shares(self, "tightness")
+        _shares(self, "tightness", "curriculum")
         if not 0 <= self.n_tracks <= VALIDATION_SEED:
             raise ConfigError(
                 f"planar.n_tracks must be 0 to {VALIDATION_SEED}, the seeds that are not kept for judging, "
@@ -216,7 +219,7 @@ class TrainConfig:
     checkpoint_every: int = 50
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     planar: PlanarConfig | None = None
-    task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree")))
+    task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree", bearings="region")))
 
     def __post_init__(self) -> None:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zebrat_bullet.config import EpisodeConfig, LidarConfig
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import to_world, wall_segments
 from zebrat_bullet.robot import RobotModel
@@ -13,8 +14,8 @@ from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.solid import is_watertight
 from zebrat_bullet.world.world import Start, World
 
-OPEN_WIDTH_M = 8.0
-SCAN_RANGE_M = 6.0
+OPEN_WIDTH_M = EpisodeConfig.open_width_m
+SCAN_RANGE_M = LidarConfig.range_max_m
 # The rule must hold while the car looks this far to either side of its path ...
 _LOOK_ASIDE_RAD = np.radians(np.arange(-45.0, 45.1, 5.0))
 # ... and must fire before the lidar is this far past the line.

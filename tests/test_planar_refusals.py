@@ -1,0 +1,141 @@
+"""What planar cars refuse, with the reason, and before anything was simulated."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from boxes import box_world
+from planar_cars import FIELD, planar
+
+from zebrat_bullet.config import FlattenConfig, LidarConfig, ObservationConfig, RewardConfig, TaskConfig, with_reward
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
+from zebrat_bullet.errors import ActionError, AssetError, ConfigError, WorldError
+from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.planar.simulation import PlanarSimulation, find_device
+from zebrat_bullet.robot import RobotModel
+
+LOW = replace(box_world(), name="kerb", low_obstacles=shapely.MultiPolygon([shapely.box(1.0, -1.0, 1.2, 1.0)]))
+
+
+@pytest.mark.parametrize("name", ["gpu", "cuda:99", "", "CPU"])
+def test_an_unknown_device_is_refused_with_those_there_are(name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"device must be one of cpu.* on this machine, got '{name}'"):
+        PlanarDrive(TaskConfig(), [FIELD], 1, device=name)
+
+
+def test_cuda_is_refused_where_there_is_none() -> None:
+    try:
+        assert find_device("cuda") == "cuda:0"
+    except ConfigError as error:
+        assert "device must be one of cpu on this machine, got 'cuda'" in str(error)
+
+
+def test_a_world_with_low_walls_is_refused_with_the_reason() -> None:
+    with pytest.raises(WorldError, match=r"kerb: has walls under 0\.8 m .*drive it in PyBullet"):
+        PlanarDrive(TaskConfig(), [LOW], 1)
+    drive = PlanarDrive(TaskConfig(), [FIELD], 1)
+    with pytest.raises(WorldError, match="kerb"):
+        drive.add_worlds([LOW])
+    assert len(drive.worlds) == len(drive.sim.origin) == 1
+
+
+def test_a_world_without_walls_is_refused() -> None:
+    with pytest.raises(WorldError, match="has no walls"):
+        PlanarDrive(TaskConfig(), [box_world()], 1)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [with_reward(TaskConfig(), "wg"), TaskConfig(observation=ObservationConfig(waypoint=True))],
+    ids=["reward", "observation"],
+)
+def test_a_guided_task_is_refused(task: TaskConfig) -> None:
+    with pytest.raises(ConfigError, match="planar cars drive unguided"):
+        PlanarDrive(task, [FIELD], 1)
+
+
+def test_an_unknown_reward_term_is_refused_with_the_valid_ones() -> None:
+    with pytest.raises(ConfigError, match="unknown reward term 'X'; valid terms are: F, O, M, T, W"):
+        PlanarDrive(TaskConfig(reward=RewardConfig(weights={"X": 1.0})), [FIELD], 1)
+
+
+def test_no_worlds_and_unknown_worlds_are_refused() -> None:
+    with pytest.raises(ConfigError, match="name at least one world"):
+        PlanarVectorEnv(1, [])
+    with pytest.raises(ConfigError, match="name at least one world"):
+        PlanarDrive(TaskConfig(), [], 1)
+    with pytest.raises(AssetError, match="track_99"):
+        PlanarVectorEnv(1, "track_99")
+
+
+@pytest.mark.parametrize("n_cars", [0, -3])
+def test_fewer_than_one_car_is_refused(n_cars: int) -> None:
+    with pytest.raises(ConfigError, match=f"n_cars must be at least 1, got {n_cars}"):
+        PlanarDrive(TaskConfig(), [FIELD], n_cars)
+
+
+@pytest.mark.parametrize("n_cars", [10**9, 10**13])
+def test_more_cars_than_the_memory_holds_are_refused(n_cars: int) -> None:
+    with pytest.raises(ConfigError, match=f"{n_cars} cars do not fit into the memory of 'cpu'"):
+        planar(FIELD, n_cars)
+
+
+@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan")])
+def test_a_margin_out_of_range_is_refused(margin_m: float) -> None:
+    with pytest.raises(ConfigError, match=r"margin_m must be in \[0, 0\.2\)"):
+        PlanarDrive(TaskConfig(), [FIELD], 1, margin_m=margin_m)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)),
+        TaskConfig(flatten=FlattenConfig(height_min_m=0.9, height_max_m=2.0)),
+        TaskConfig(
+            lidar=LidarConfig(n_channels=3, elevation_min_rad=0.1, elevation_max_rad=0.2),
+            flatten=FlattenConfig(height_max_m=0.7),
+        ),
+    ],
+    ids=["band-under-the-beams", "band-over-the-walls", "beams-over-the-band"],
+)
+def test_a_lidar_that_loses_walls_which_the_plane_would_see_is_refused(task: TaskConfig) -> None:
+    with pytest.raises(ConfigError, match=r"no lidar channel meets a wall of 0\.8 m within the height band"):
+        PlanarDrive(task, [FIELD], 1)
+
+
+def test_a_lidar_mounted_at_a_tilt_is_refused(robot: RobotModel) -> None:
+    tilted = replace(robot, lidar_rpy=np.array([0.0, 0.02, 0.0]))
+    with pytest.raises(ConfigError, match=r"roll and pitch \[0\.0, 0\.02\] rad"):
+        PlanarSimulation(tilted, TaskConfig(), np.arange(360), [FIELD], 1)
+    PlanarSimulation(replace(robot, lidar_rpy=np.array([0.0, 0.0, 1.0])), TaskConfig(), np.arange(360), [FIELD], 1)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_non_finite_action_names_car_and_step_and_nothing_is_simulated(bad: float) -> None:
+    drive = PlanarDrive(TaskConfig(), [FIELD], 4)
+    good = np.full((4, 2), 0.5, np.float32)
+    drive.step(good)
+    before = drive.state()
+    action = good.copy()
+    action[2, 1] = bad
+    with pytest.raises(ActionError, match=r"for car 2 in step 2; nothing was simulated"):
+        drive.step(action)
+    assert pickle.dumps(drive.state()) == pickle.dumps(before)
+
+
+@pytest.mark.parametrize("shape", [(4,), (3, 2), (4, 3), (4, 2, 1)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    env = PlanarVectorEnv(4, "track_1")
+    with pytest.raises(ActionError, match=r"actions must have the shape \(4, 2\), got \("):
+        env.step(np.zeros(shape, np.float32))
+
+
+def test_actions_beyond_the_limits_are_clipped() -> None:
+    ends = []
+    for action in ([1.0, -1.0], [9.0, -9.0]):
+        drive = PlanarDrive(TaskConfig(), [FIELD], 1)
+        drive.step(np.float32([action]))
+        ends.append(drive.sim.motion.copy())
+    assert np.array_equal(*ends)

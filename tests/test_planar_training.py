@@ -1,0 +1,90 @@
+"""Training on planar cars: a run folder like any other, resumed to the last bit, on tracks that are never judged."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.config import to_json
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.generated import judge_generated
+from zebrat_bullet.training.presets import TRAIN_PRESETS
+from zebrat_bullet.training.run import resume, train
+from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, PPOConfig, TrainConfig
+from zebrat_bullet.world import HELD_OUT_SEED
+
+STEPS = 16 * 16
+
+
+def tiny(**changes: object) -> TrainConfig:
+    general = TRAIN_PRESETS["general"]
+    assert isinstance(general.learner, PPOConfig)
+    learner = replace(general.learner, hidden=(16,), n_steps=16, batch_size=64, n_epochs=2)
+    planar = PlanarConfig(n_cars=16, n_tracks=6, n_eval_tracks=3, n_eval_starts=2, eval_every_steps=2 * STEPS)
+    return replace(general, learner=learner, planar=planar, steps=6 * STEPS, threads=1, **changes)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("planar") / "run"
+    train(tiny(), folder)
+    return folder
+
+
+def test_a_run_leaves_a_folder_like_any_other(finished: Path):
+    names = {path.name for path in finished.iterdir()}
+    assert {"config.json", "versions.json", "episodes.csv", "evaluations.csv", "summary.json"} <= names
+    summary = json.loads((finished / "summary.json").read_text())
+    # Whole rollouts of 16 cars x 16 steps; the run ends at the first step after the sixth.
+    assert summary["best"]["total_steps"] % STEPS in (0, 16)
+    assert "warp-lang" in json.loads((finished / "versions.json").read_text())["versions"]
+
+
+def test_a_killed_run_ends_in_the_same_weights(finished: Path, tmp_path: Path):
+    seen = []
+
+    def die(progress: object) -> None:
+        seen.append(progress)
+        if len(seen) == 5:
+            raise KeyboardInterrupt
+
+    killed = tmp_path / "killed"
+    with pytest.raises(KeyboardInterrupt):
+        train(tiny(), killed, die)
+    assert not (killed / "summary.json").exists()
+    resume(killed)
+    once, twice = load_file(finished / "last.safetensors"), load_file(killed / "last.safetensors")
+    assert once.keys() == twice.keys()
+    for name, values in once.items():
+        assert np.array_equal(values, twice[name]), name
+
+
+def test_a_policy_of_a_run_drives_in_bullet_and_on_generated_tracks(finished: Path):
+    task = replace(TRAIN_PRESETS["general"].task, noise=TrainConfig().task.noise)
+    agent = load_agent(str(finished), task)
+    assert agent.privileged == frozenset()
+    score = judge_generated(str(finished), range(HELD_OUT_SEED, HELD_OUT_SEED + 3), 2, task)
+    assert sum(score.causes.values()) == 6
+    assert len(score.by_track) == 3
+
+
+def test_tracks_that_are_judged_are_never_trained_on():
+    assert VALIDATION_SEED < HELD_OUT_SEED
+    with pytest.raises(ConfigError, match="not kept for judging"):
+        PlanarConfig(n_tracks=VALIDATION_SEED + 1)
+
+
+def test_an_algorithm_with_discrete_actions_is_refused_before_any_track_is_drawn(tmp_path: Path):
+    config = replace(tiny(), learner=PPOConfig(algo="ppo-discrete"))
+    with pytest.raises(ConfigError, match="continuous"):
+        train(config, tmp_path / "run")
+
+
+def test_the_preset_is_unguided_and_knows_no_shipped_world():
+    general = TRAIN_PRESETS["general"]
+    assert general.worlds == () and not general.task.guided
+    assert "big_track" not in to_json(general)
