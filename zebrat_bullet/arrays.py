@@ -33,6 +33,11 @@ def like(values: NDArray, array: Array) -> Array:
     return namespace(array).asarray(values, device=device_of(array), **kept)
 
 
+def clamp(array: Array, least: float | None = None, most: float | None = None) -> Array:
+    """Return an array cut off at two bounds; array_api_compat's own `clip` takes ten times as long on NumPy arrays."""
+    return (np if isinstance(array, np.ndarray) else namespace(array)).clip(array, least, most)
+
+
 def on_host(array: Array) -> NDArray:
     """Return an array as NumPy sees it: itself, or a copy of what is on another device."""
     host: NDArray = array if isinstance(array, np.ndarray) else array.cpu().numpy()

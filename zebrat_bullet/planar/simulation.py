@@ -4,7 +4,7 @@ import ctypes.util
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import numpy as np
 import warp as wp
@@ -79,7 +79,12 @@ class PlanarSimulation:
             raise ConfigError(f"{n_cars} cars do not fit into the memory of {device!r}: {error}") from error
 
     def _upload(self, values: NDArray, dtype: type) -> wp.array:
-        return to_device(values, dtype, self.device)
+        with self._in_order():
+            return to_device(values, dtype, self.device)
+
+    def _in_order(self) -> AbstractContextManager[object]:
+        """Queue what Warp does on a GPU behind what torch has queued there, and before what it queues next."""
+        return nullcontext() if self.device == "cpu" else wp.ScopedStream(wp.stream_from_torch(self.device))
 
     def _require_memory(self, n: int, n_rays: int) -> None:
         """Raise MemoryError where a processor's arrays would not fit: Linux gives the memory and kills who fills it."""
@@ -89,8 +94,9 @@ class PlanarSimulation:
 
     def _allocate(self, n: int, n_rays: int) -> None:
         def made(shape: int | tuple[int, int], dtype: type) -> tuple[wp.array, Array]:
-            array = wp.zeros(shape, dtype=dtype, device=self.device)
-            return array, self._view(array)
+            with self._in_order():
+                array = wp.zeros(shape, dtype=dtype, device=self.device)
+                return array, self._view(array)
 
         self._world, self.world = made(n, wp.int32)
         self._pose, self.pose = made(n, wp.vec3)
@@ -153,7 +159,10 @@ class PlanarSimulation:
         asked = [self._world, self._dynamics, self._command, self._physics.max_steering_rad, self._asked]
         state = [self._pose, self._motion, self._clear, self._contact]
         n_threads = -(-len(self._pose) // self._n_abreast)
-        wp.launch(make_drive(self._n_abreast), n_threads, [*outline, self._walls, *asked, *state], device=self.device)
+        with self._in_order():
+            wp.launch(
+                make_drive(self._n_abreast), n_threads, [*outline, self._walls, *asked, *state], device=self.device
+            )
 
     def look(self, cars: NDArray[np.intp] | None = None) -> None:
         """Cast the rays of some cars, or of all, from where they stand; the noise of each is a function of its `draws`.

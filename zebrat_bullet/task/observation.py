@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, like, namespace
+from zebrat_bullet.arrays import Array, clamp, like, namespace
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.sensing.safety_region import SafetyRegion
@@ -112,7 +112,7 @@ class ObservationSpec:
         parts = [obs_m]
         if self.gap_ranges_m:
             gaps = obs_m - like(np.array(self.gap_ranges_m), obs_m)
-            parts.append(xp.log(xp.clip(gaps, LEAST_GAP_M, None)) * (1.0 / math.log(10.0)))
+            parts.append(xp.log10(clamp(gaps, LEAST_GAP_M)))
         if self.last_command:
             parts.append(last_command)
         if self.waypoint:
@@ -121,12 +121,14 @@ class ObservationSpec:
                     "the observation holds the next waypoint and the reading names none; declare the privilege "
                     "'waypoint'"
                 )
-            parts += [xp.clip(waypoint[:, :1], None, self.range_max_m), waypoint[:, 1:]]
+            parts += [clamp(waypoint[:, :1], most=self.range_max_m), waypoint[:, 1:]]
         joined = xp.concat(parts, axis=1)
         if self.raw:
             return joined
-        scale, shift = (like(values, joined) for values in self._scaling)
-        return joined * scale + shift
+        scale, shift = self._scaling
+        joined *= like(scale, joined)
+        joined += like(shift, joined)
+        return joined
 
     @cached_property
     def _scaling(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -149,11 +151,10 @@ class ObservationSpec:
 
     def decode_cars(self, actions: Array) -> Commands:
         """Turn (N, 2) finite actions, in [-1, 1] (SI where raw), into commands; beyond the limits they are clipped."""
-        xp = namespace(actions)
         speed, steering = self.max_speed_mps, self.max_steering_rad
         by_speed, by_steering = (1.0, 1.0) if self.raw else (speed, steering)
         return Commands(
-            xp.clip(actions[:, 0] * by_speed, -speed, speed), xp.clip(actions[:, 1] * by_steering, -steering, steering)
+            clamp(actions[:, 0] * by_speed, -speed, speed), clamp(actions[:, 1] * by_steering, -steering, steering)
         )
 
     def decode_discrete(self, action: int) -> Command:

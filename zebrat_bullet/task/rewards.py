@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, like, namespace
+from zebrat_bullet.arrays import Array, clamp, like, namespace
 from zebrat_bullet.config import RewardConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.sensing.safety_region import SafetyRegion
@@ -81,9 +81,10 @@ def obstacle_term(step: RewardInput) -> Array:
     """O: logarithm of the 13 smallest gaps between outline and obstacles, the smallest weighted most (eq. 5)."""
     obs = step.clearance.obs_m
     xp = namespace(obs)
-    gaps = xp.sort(obs - step.clearance.range_m, axis=-1)[:, :N_OBSTACLE_RAYS]
-    logs = xp.log(xp.clip(gaps, MIN_GAP_M, None)) / float(np.log(step.config.log_base))
-    return logs @ like(_discounts(logs.shape[1], step.config.discount), obs)
+    # Equal gaps are alike, so the order among them does not matter; a stable sort takes seven times as long.
+    gaps = xp.sort(obs - step.clearance.range_m, axis=-1, stable=False)[:, :N_OBSTACLE_RAYS]
+    logs = xp.log(clamp(gaps, MIN_GAP_M))
+    return logs @ like(_discounts(logs.shape[1], step.config.discount) / np.log(step.config.log_base), obs)
 
 
 def middle_term(step: RewardInput) -> Array:
