@@ -15,7 +15,6 @@ from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Command, Commands, Dynamics, Pose2
 
-NO_RAYS = np.arange(0)
 OPEN = EpisodeConfig(open_width_m=20.0)
 
 
@@ -137,6 +136,14 @@ def test_hinges_at_a_fiftieth_of_their_speed_turn_so_slowly(simulate: Callable[.
         drive(sim, [(0.0, 0.6)])
         assert sim.motion[0, :2] == pytest.approx(np.full(2, 0.016 * n), rel=1e-3)
         assert bullet.step(Command(0.0, 0.6)).knuckle_rad == pytest.approx(np.full(2, 0.016 * n), rel=0.05)
+
+
+@pytest.mark.parametrize("n_left", range(4))
+def test_a_late_command_drives_only_the_physics_steps_that_are_left(speeds, n_left: int) -> None:
+    """In each of 1/120 s the motors bring 400 N / 111.83 kg / 120 Hz = 0.0298 m/s."""
+    late_s = 0.2 - n_left / 120
+    v, _ = speeds(DynamicsConfig(delay_s=(late_s, late_s)), [(0.6, 0.0)])
+    assert v[0] == pytest.approx(n_left * 400.0 / 111.83 / 120, rel=0.05, abs=1e-3)
 
 
 MANOEUVRE = [(0.6, 0.5), (0.6, 0.5), (-0.3, -0.6), (0.6, 0.1), (0.6, 0.0), (0.2, 0.4)]

@@ -70,6 +70,9 @@ def test_middle_term_is_zero_when_both_sides_are_the_same_and_runs_backwards(reg
     obs[region.right - 1] = 3.0  # one bearing behind abeam
     assert weighted_terms(step(region, obs))["M"] == pytest.approx(-0.9 * 2.0)
     obs = np.full(32, 1.0)
+    obs[region.left + 2] = 3.0  # two behind abeam on the other side
+    assert weighted_terms(step(region, obs))["M"] == pytest.approx(-0.81 * 2.0)
+    obs = np.full(32, 1.0)
     obs[region.right + 1] = 3.0  # ahead of abeam: not looked at
     assert weighted_terms(step(region, obs))["M"] == 0.0
 
