@@ -205,6 +205,8 @@ class RewardConfig:
         weights: weight of each term by its name in `task/rewards.py`; a term that is absent or 0 is off.
         collision, success: R_c and R_r, paid alone on the terminal step; what ends an episode is the same under every
             reward, so waypoint guidance too is paid R_r for open space and not for its last waypoint.
+        false_exit: what is paid where the car takes the inside of a wide corner for open space; None: R_r, as in the
+            paper, whose car cannot tell the two apart.
         discount: gamma of the sums over rays.
         log_base: base of the logarithm in O; the paper writes "log", the authors' code uses 10. With the natural
             logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.
@@ -213,6 +215,7 @@ class RewardConfig:
     weights: Mapping[str, float] = field(default_factory=lambda: {"F": 1.0, "O": 1.0, "M": 1.0, "T": 1.0})
     collision: float = -50.0
     success: float = 50.0
+    false_exit: float | None = None
     discount: float = 0.9
     log_base: float = 10.0
 

@@ -145,7 +145,9 @@ def rewards(terms: Mapping[str, Array], outcome: Array, config: RewardConfig) ->
         config: says what the ends pay.
     """
     xp = namespace(outcome)
+    false_exit = config.success if config.false_exit is None else config.false_exit
+    paid = {Outcome.COLLISION: config.collision, Outcome.SUCCESS: config.success, Outcome.FALSE_EXIT: false_exit}
     total = sum(terms.values())
-    total = xp.where(outcome == Outcome.COLLISION.code, config.collision, total)
-    exits = (outcome == Outcome.SUCCESS.code) | (outcome == Outcome.FALSE_EXIT.code)
-    return xp.where(exits, config.success, total)
+    for end, worth in paid.items():
+        total = xp.where(outcome == end.code, worth, total)
+    return total
