@@ -66,7 +66,7 @@ def test_a_loaded_state_goes_on_bit_for_bit_also_elsewhere_and_from_a_file(world
     on = [drive.step(action) for action in actions(2, 30)]
     elsewhere = PlanarDrive(TASK, worlds, N, seed=77)
     for here in (drive, elsewhere):
-        assert np.array_equal(here.load(pickle.loads(kept)), seen)
+        assert np.array_equal(here.load(*pickle.loads(kept)), seen)
         assert same([here.step(action) for action in actions(2, 30)], on)
 
 
@@ -142,7 +142,7 @@ def test_the_next_episode_begins_in_the_step_that_ends_one(worlds: list[World]) 
     for action in actions(3, 40):
         before = drive.state()
         step = drive.step(action)
-        mirror.load(before)
+        mirror.load(*before)
         command = mirror.spec.decode_cars(action)
         mirror.sim.command[:, 0], mirror.sim.command[:, 1] = command.speed_mps, command.steering_rad
         mirror.sim.step()
