@@ -116,7 +116,7 @@ def test_gymnasiums_wrappers_work_on_it() -> None:
         DictInfoToList,
         NormalizeReward,
         lambda env: ClipReward(env, -1.0, 1.0),
-        lambda env: RescaleAction(env, -2.0, 2.0),
+        lambda env: RescaleAction(env, np.float32(-2), np.float32(2)),
     ],
     ids=["infos", "normalize-rewards", "clip-rewards", "rescale-actions"],
 )
@@ -138,7 +138,7 @@ def test_sb3_gets_terminal_observations_returns_and_lengths() -> None:
     vec.seed(0)
     assert np.array_equal(vec.reset(), env.reset(seed=0)[0])
     returns, lengths = np.zeros(N), np.zeros(N, int)
-    for action in actions(25):
+    for action in actions(50):
         observation, reward, done, infos = vec.step(action)
         expected, paid, terminated, truncated, info = env.step(action)
         assert np.array_equal(observation, expected) and np.array_equal(reward, paid.astype(np.float32))
