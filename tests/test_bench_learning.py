@@ -6,7 +6,7 @@ import pytest
 
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.bench import bench_learning
+from zebrat_bullet.training.bench import bench_learning, bench_planar_learning
 from zebrat_bullet.training.presets import paper_config
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 
@@ -31,3 +31,10 @@ def test_what_cannot_be_timed_is_refused():
         bench_learning(paper_config("sac", "fomt"), 10, 1)
     with pytest.raises(ConfigError, match="must be at least 1, got 0 and 1"):
         bench_learning(replace(TINY, seed=1), 0, 1)
+
+
+def test_learning_on_planar_cars_is_timed_with_each_number_of_threads():
+    result = bench_planar_learning(8, "cpu", rounds=1, seed=0)
+    assert "1 thread" in result
+    for at in result.values():
+        assert at["steps_per_s"] == pytest.approx(1e6 / (at["update_us"] + at["rest_us"]))

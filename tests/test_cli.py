@@ -73,6 +73,14 @@ def test_robots_are_listed_with_what_their_urdf_says_and_drawn(tmp_path):
     assert (tmp_path / "robots.png").stat().st_size > 10_000
 
 
+def test_bench_times_planar_cars_beside_pybullet():
+    answer = result("bench", "--planar", "--steps", 40, "--rounds", 1, "--cars", 24)
+    assert answer["planar"]["n_cars"] == 24 and answer["planar"]["device"] == "cpu"
+    assert answer["planar"]["steps_per_s"] > answer["embree"]["steps_per_s"] > 0 < answer["bullet"]["steps_per_s"]
+    assert all(answer["planar"][f"{part}_us"] > 0 for part in ("drive", "look", "resets", "rest"))
+    assert answer["hardware"]["cores"] >= 1
+
+
 def test_bench_splits_the_step_for_both_casters():
     every, region = (
         result("bench", "--steps", 20, "--world", "track_2", "--bearings", bearings) for bearings in ("all", "region")

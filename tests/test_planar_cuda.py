@@ -5,14 +5,13 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from zebrat_bullet.planar import kernels
+from zebrat_bullet.planar.kernels import look, make_drive
 
 
 @pytest.mark.parametrize("arch", [80, 90])
-def test_the_kernels_compile_for_cuda(tmp_path: Path, arch: int) -> None:
+@pytest.mark.parametrize("kernel", [make_drive(1), look], ids=["drive", "look"])
+def test_the_kernels_compile_for_cuda(tmp_path: Path, kernel: wp.Kernel, arch: int) -> None:
     wp.init()
-    (made,) = wp.compile_aot_module(kernels, arch=arch, module_dir=tmp_path, use_ptx=True)
+    (made,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path, use_ptx=True)
     ptx = Path(made).read_text()
-    assert f".target sm_{arch}" in ptx
-    for name in ("drive", "look"):
-        assert f".entry {name}_" in ptx
+    assert f".target sm_{arch}" in ptx and f".entry {kernel.key}_" in ptx

@@ -48,6 +48,6 @@ def test_torch_tensors_get_the_numbers_of_numpy_arrays(drives):
 def test_a_state_goes_from_numpy_arrays_to_torch_tensors(drives):
     over_numpy, over_torch = drives
     over_numpy.step(np.ones((N_CARS, 2), dtype=np.float32))
-    np.testing.assert_allclose(
-        on_host(over_torch.load(over_numpy.state())), over_numpy.load(over_numpy.state()), atol=1e-6
-    )
+    state = over_numpy.state()
+    got, expected = over_torch.load(*state), over_numpy.load(*state)
+    np.testing.assert_allclose(on_host(got), expected, atol=1e-6)

@@ -178,10 +178,20 @@ def robots(arguments: argparse.Namespace) -> Result:
 
 
 def bench(arguments: argparse.Namespace) -> Result:
-    """Time the environment step and its parts, for both ray casters; or an agent's thinking; or learning."""
+    """Time the environment step and its parts, for both ray casters; or planar cars; or an agent; or learning."""
     from zebrat_bullet.bench import bench_agent, bench_text, run_bench
 
-    if arguments.learning:
+    show = bench_text
+    if arguments.learning == "planar":
+        from zebrat_bullet.training.bench import bench_planar_learning
+
+        result = bench_planar_learning(arguments.cars, arguments.device, arguments.rounds, arguments.seed)
+    elif arguments.planar:
+        from zebrat_bullet.bench.planar import bench_planar, planar_text
+
+        show = planar_text
+        result = bench_planar(arguments.steps, arguments.cars, arguments.device, arguments.rounds, arguments.seed)
+    elif arguments.learning:
         from zebrat_bullet.training.bench import bench_learning
         from zebrat_bullet.training.presets import TRAIN_PRESETS
 
@@ -194,7 +204,7 @@ def bench(arguments: argparse.Namespace) -> Result:
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(result, indent=2))
-    return result, bench_text(result)
+    return result, show(result)
 
 
 def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
@@ -275,11 +285,14 @@ def add(command: AddCommand) -> None:
     made.add_argument("--world", default="big_track")
     made.add_argument("--agent", help="time this agent instead, in one episode")
     made.add_argument(
-        "--learning", metavar="PRESET", choices=("paper",),
-        help="time learning with this preset's DDPG instead, beside Stable-Baselines3's own",
+        "--learning", metavar="WHAT", choices=("paper", "planar"),
+        help="time learning instead: the paper's DDPG beside Stable-Baselines3's own, or PPO on planar cars",
     )  # fmt: skip
+    made.add_argument("--planar", action="store_true", help="time planar cars instead, beside one car of PyBullet")
+    made.add_argument("--cars", type=int, default=1024, help="planar cars (default 1024)")
+    made.add_argument("--device", default="cpu", help="of the planar cars: cpu (default) or cuda")
     made.add_argument("--steps", type=int, default=1000)
-    made.add_argument("--rounds", type=int, default=5, help="of --learning, each of so many --steps (default 5)")
+    made.add_argument("--rounds", type=int, default=5, help="of --learning and --planar (default 5)")
     made.add_argument("--rate-hz", type=float, default=None, help="physics rate (default: the task's)")
     made.add_argument(
         "--bearings",

@@ -177,6 +177,10 @@ class PlanarSimulation:
             look, (len(who), len(self._rays) // N_RAYS_ABREAST), [*place, *beams, who, self._ranges], device=self.device
         )
 
+    def wait(self) -> None:
+        """Wait until the device has done all that it was asked to."""
+        wp.synchronize_device(self.device)
+
     def state(self) -> dict[str, Array]:
         """Return the arrays that say where every car is and what it does, by name; not copies."""
         return {
@@ -184,6 +188,16 @@ class PlanarSimulation:
             **{"clear": self._clear_view, "asked": self._asked_view, "dynamics": self._dynamics_view},
             **{"draws": self.draws, "ranges": self.ranges},
         }
+
+
+def device_name(name: str) -> str:
+    """Return what a device is called, "cpu" or the GPU's name.
+
+    Raises:
+        ConfigError: it is unknown, or not there; the message lists those there are.
+    """
+    alias = find_device(name)
+    return alias if alias == "cpu" else str(wp.get_device(alias).name)
 
 
 def find_device(name: str) -> str:
