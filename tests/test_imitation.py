@@ -27,6 +27,8 @@ from zebrat_bullet.training.imitation import ImitationConfig, MixtureAgent, imit
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
 from zebrat_bullet.world import load_world
 
+DRIVER = str(Path(__file__).parent.parent / "docs/results/policies/bullet-general.safetensors")
+"""Observes the same 34 numbers as its imitators."""
 TASK = TaskConfig(lidar=LidarConfig(caster="embree"))
 SMALL = CloneConfig(hidden=(32, 32), epochs=3)
 
@@ -63,9 +65,9 @@ def drive_blind(agent, n_steps: int, seed: int = 0) -> list[Command]:
 
 @pytest.fixture(scope="module")
 def demonstrations(tmp_path_factory) -> Path:
-    """The shipped policy on Track 2, at least 1,000 pairs."""
+    """A policy on Track 2, at least 1,000 pairs."""
     folder = tmp_path_factory.mktemp("data") / "shipped"
-    done = demonstrate(load_agent("shipped", TASK), ["track_2"], 1000, folder, TASK)
+    done = demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1000, folder, TASK)
     assert done["pairs"] >= 1000 and len(list(folder.rglob("*.npz"))) == done["episodes"]
     return folder
 
@@ -104,7 +106,7 @@ def test_a_person_steers_within_the_limits():
 def test_a_pair_is_what_the_driver_saw_and_did(demonstrations, track_2):
     loaded = load_demonstrations(demonstrations)
     pairs = encode_pairs(loaded, observation_of(loaded[0].record))
-    agent = load_agent("shipped", TASK)
+    agent = load_agent(DRIVER, TASK)
     record = loaded[0].record
     assert (pairs.episode == 0).sum() == len(record.command)
     for t in (0, 1, 30):  # the policy that was recorded gives the recorded action for the encoded observation
@@ -113,7 +115,7 @@ def test_a_pair_is_what_the_driver_saw_and_did(demonstrations, track_2):
 
 
 def test_a_compact_record_has_all_but_the_scans_and_its_replay_has_these_too(demonstrations, track_2, tmp_path):
-    demonstrate(load_agent("shipped", TASK), ["track_2"], 1, tmp_path / "compact", TASK, compact=True)
+    demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1, tmp_path / "compact", TASK, compact=True)
     (path,) = (tmp_path / "compact").rglob("*.npz")
     whole = demonstrations / path.relative_to(tmp_path / "compact")
     assert path.stat().st_size < whole.stat().st_size / 4
@@ -135,7 +137,7 @@ def test_the_demonstrations_of_this_checkout_are_read_from_their_archive():
 
 def test_failures_are_kept_but_copied_only_with_an_experts_labels(track_2, tmp_path):
     crash = run_episode(track_2, Steady(0.6, 0.0), 0, 0)
-    success = run_episode(track_2, load_agent("shipped", TASK), 0, 0)
+    success = run_episode(track_2, load_agent(DRIVER, TASK), 0, 0)
     assert (crash.outcome, success.outcome) == ("collision", "success")
     save_record(crash, tmp_path / "crash.npz")
     save_record(success, tmp_path / "success.npz")
@@ -203,7 +205,7 @@ def test_dagger_labels_aggregates_and_resumes_to_the_same_weights(demonstrations
     for path in sorted(demonstrations.rglob("*.npz"))[:3]:
         save_record(load_record(path), given / path.name)
     config = ImitationConfig(
-        demonstrations=str(given), iterations=2, expert="shipped", pairs=60, eval_episodes=1, clone=SMALL
+        demonstrations=str(given), iterations=2, expert=DRIVER, pairs=60, eval_episodes=1, clone=SMALL
     )
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     imitate(config, whole)
@@ -212,11 +214,11 @@ def test_dagger_labels_aggregates_and_resumes_to_the_same_weights(demonstrations
     labelled = [load_demonstrations(whole / f"iteration_{i}" / "records") for i in (1, 2)]
     n_labelled = [sum(len(d.labels) for d in found) for found in labelled]
     assert [row["pairs"] for row in rows] == np.cumsum([n_given, *n_labelled]).tolist()
-    shipped = load_agent("shipped", TASK)
+    shipped = load_agent(DRIVER, TASK)
     observation = observation_of(labelled[0][0].record)
     pairs = encode_pairs(labelled[0], observation)
     assert [shipped.action(o) for o in pairs.observations[:20]] == pytest.approx(pairs.actions[:20], abs=1e-5)
-    assert load_agent(str(whole), TASK).provenance["config"]["expert"] == "shipped"
+    assert load_agent(str(whole), TASK).provenance["config"]["expert"] == DRIVER
 
     # As a kill in iteration 2 leaves it: its labels half gathered, its row not written.
     shutil.copytree(whole, killed)

@@ -1,6 +1,7 @@
 """Policy files: what each head makes of the last layer, and that a file gives back what was saved."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,14 +77,17 @@ def test_a_file_that_names_no_head_has_a_tanh_head_and_rectified_layers(tmp_path
     assert loaded.act(FAR) == agent.act(FAR)
 
 
-def test_the_shipped_policy_is_an_unguided_one_with_a_tanh_head_and_rectified_layers():
-    agent = load_policy("shipped")
-    assert agent.observation == SPEC and agent.privileged == frozenset()
-    hidden = observation = np.random.default_rng(0).uniform(-1.0, 1.0, 34).astype(np.float32)
+@pytest.mark.parametrize("name", ["shipped", "fomt"])
+def test_a_shipped_policy_is_unguided_and_acts_as_its_layers_say(name):
+    agent = load_policy(name)
+    ranges = agent.observation.gap_ranges_m
+    assert agent.observation == replace(SPEC, gap_ranges_m=ranges) and agent.privileged == frozenset()
+    assert (agent.head, agent.activation) == ("clip", "tanh")
+    hidden = observation = np.random.default_rng(0).uniform(-1.0, 1.0, agent.observation.size).astype(np.float32)
     for weight, bias in agent.layers[:-1]:
-        hidden = np.maximum(weight @ hidden + bias, 0.0)
+        hidden = np.tanh(weight @ hidden + bias)
     weight, bias = agent.layers[-1]
-    assert np.array_equal(agent.action(observation), np.tanh(weight @ hidden + bias))
+    np.testing.assert_allclose(agent.action(observation), np.clip(weight @ hidden + bias, -1.0, 1.0), atol=1e-6)
 
 
 @pytest.mark.parametrize(
