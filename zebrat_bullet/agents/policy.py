@@ -135,7 +135,9 @@ def load_policy(name_or_path: str) -> PolicyAgent:
     if header.get("format") != FORMAT:
         raise PolicyError(f"{path} has format {header.get('format')!r}, expected {FORMAT!r}; was it exported by us?")
     layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(len(tensors) // 2)]
-    observation = ObservationSpec(**json.loads(header["observation"]))
+    observed = json.loads(header["observation"])
+    observed["gap_ranges_m"] = tuple(observed.get("gap_ranges_m", ()))  # JSON has lists only
+    observation = ObservationSpec(**observed)
     # Files from before there was a choice name neither.
     head, activation = header.get("head", "tanh"), header.get("activation", "relu")
     return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]), head, activation)

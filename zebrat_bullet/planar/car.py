@@ -19,7 +19,7 @@ N_BUCKETS = 512
 N_CHANNEL_SLOTS = 256
 WALL_M = 0.8
 """Lowest wall of a world that the planar car takes; the height band sees it whole."""
-MASS_FACTOR, INERTIA_FACTOR, GRIP = 1.01, 1.09, 0.90
+MASS_FACTOR, INERTIA_FACTOR, GRIP = 1.005, 1.12, 0.48
 """What Bullet's contact solver makes of mass, inertia and friction, fitted to its motion at 120 Hz, 20 iterations."""
 ROLLING = 0.998
 """How much of a wheel's radius it rolls on: Bullet's contacts let it stand 0.3 mm deep in the floor."""

@@ -16,8 +16,10 @@ wp.set_module_options(
 
 N_SWEEPS = wp.constant(2)
 """Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
-MOTOR_SHARE = wp.constant(0.093)
+MOTOR_SHARE = wp.constant(0.0886)
 """Share of a wheel's speed error that its motor takes away in one round, while its torque lasts."""
+GRIP_SHARE = wp.constant(0.23)
+"""Share of a front wheel's sliding that its grip takes away in one round, while it lasts."""
 KNUCKLE_SHARE = wp.constant(0.1)
 """Share of its error that a knuckle closes in a physics step: Bullet's position gain."""
 
@@ -208,8 +210,8 @@ def drive(
         rear = MOTOR_SHARE / (im + ij * h * h)
         front_l = MOTOR_SHARE / (im * cos_l * cos_l + ij * roll_l * roll_l)
         front_r = MOTOR_SHARE / (im * cos_r * cos_r + ij * roll_r * roll_r)
-        side_l = 1.0 / (im * sin_l * sin_l + ij * slide_l * slide_l)
-        side_r = 1.0 / (im * sin_r * sin_r + ij * slide_r * slide_r)
+        side_l = GRIP_SHARE / (im * sin_l * sin_l + ij * slide_l * slide_l)
+        side_r = GRIP_SHARE / (im * sin_r * sin_r + ij * slide_r * slide_r)
         p0 = float(0.0)
         p1 = float(0.0)
         p2 = float(0.0)

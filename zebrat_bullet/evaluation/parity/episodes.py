@@ -76,7 +76,7 @@ def drive_planar_episodes(
     """
     n_worlds, n_episodes = starts.shape[:2]
     drive = PlanarDrive(_task_for(policy, task), worlds, n_worlds * n_episodes, raw=policy.observation.raw)
-    check_observation(policy, drive)
+    _check_observation(policy, drive)
     observation = drive.begin_at(np.repeat(np.arange(n_worlds, dtype=np.int32), n_episodes), starts.reshape(-1, 3))
     outcome, n_steps, step = np.zeros(drive.n_cars, np.int8), np.zeros(drive.n_cars, np.int64), 0
     while not outcome.all():
@@ -103,14 +103,13 @@ def _task_for(policy: PolicyAgent, task: TaskConfig) -> TaskConfig:
     return replace(task, observation=observed)
 
 
-def check_observation(policy: PolicyAgent, drive: PlanarDrive) -> None:
+def _check_observation(policy: PolicyAgent, drive: PlanarDrive) -> None:
     """Refuse a policy that cannot act on what planar cars observe.
 
     Raises:
         ConfigError: names what differs.
     """
     its, ours = asdict(policy.observation), asdict(drive.spec)
-    its["gap_ranges_m"] = tuple(its["gap_ranges_m"])  # a list, where it comes from a file
     if differing := [f"{name} {its[name]} for {ours[name]}" for name in ours if its[name] != ours[name]]:
         raise ConfigError(
             f"policy {policy.name!r} observes something else than this car: {', '.join(differing)}; use the robot and "
