@@ -16,6 +16,8 @@ from zebrat_bullet.geometry import wall_segments
 from zebrat_bullet.world.world import World
 
 CELL_M = 0.5
+HAIR_M = 1e-6
+"""Shorter sides, which unions of walls leave behind, are no longer than float32 rounds: they have no direction."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ def chart(world: World, near_m: float, reach_m: float) -> Chart:
         WorldError: the world has no walls.
     """
     ends = wall_segments(shapely.orient_polygons(world.walls))
+    ends = ends[np.hypot(*(ends[:, 1] - ends[:, 0]).T) > HAIR_M]
     if not len(ends):
         raise WorldError(f"{world.name}: has no walls, so there is nothing to sense; give it some")
     low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)

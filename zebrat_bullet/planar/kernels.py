@@ -15,7 +15,7 @@ wp.set_module_options(
 )
 
 N_SWEEPS = wp.constant(2)
-"""Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
+"""Rounds of impulses in a physics step; Bullet does 20, which the shares below, fitted to its motion, stand for."""
 MOTOR_SHARE = wp.constant(0.0886)
 """Share of a wheel's speed error that its motor takes away in one round, while its torque lasts."""
 GRIP_SHARE = wp.constant(0.23)
