@@ -118,7 +118,7 @@ def draw_parity(parity: Parity, path: Path) -> None:
     for axes in (motion, senses):
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(frameon=False, fontsize=8, loc="lower right" if axes is motion else "upper right")
     figure.savefig(path, dpi=130)
 
 
@@ -129,8 +129,8 @@ def _draw_motion(axes: Axes, parity: Parity) -> None:
         apart_mm = apart_mm[:, np.isfinite(apart_mm).any(axis=0)]
         median, most = np.nanpercentile(apart_mm, (50, 95), axis=0)
         time_s = step_s * np.arange(len(median))
-        axes.plot(time_s, median, color=_COLOURS[driver], label=f"{driver}: median, 95 % dotted")
-        axes.plot(time_s, most, ":", color=_COLOURS[driver])
+        axes.plot(time_s[1:], median[1:], color=_COLOURS[driver], label=f"{driver}: median, 95 % dotted")
+        axes.plot(time_s[1:], most[1:], ":", color=_COLOURS[driver])
     axes.set_yscale("log")
     axes.set(xlabel="time driven, s", ylabel="base frames apart, mm", title="The same commands")
 

@@ -16,14 +16,14 @@ from zebrat_bullet.task.episode import anywhere_poses
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.world import World
 
-NEAR_M = 0.03
+NEAR_M, NEARER_M = 0.03, 0.001
 HAIR_M = 1e-4
 """An outline this much wider or narrower decides what is a close call."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """(P,) bool each, poses within `NEAR_M` of touching.
+    """(P,) bool each, half of the poses within `NEAR_M` of touching, half within `NEARER_M`.
 
     Attributes:
         exact: outline and walls meet, as polygons.
@@ -64,7 +64,8 @@ def _near_poses(world: World, robot: RobotModel, n: int, rng: np.random.Generato
         pose = Pose2(*row.tolist())
         line = shapely.shortest_line(shapely.Polygon(to_world(robot.footprint_base, pose)), world.walls)
         begin, end = shapely.get_coordinates(line)
-        x, y = (end - begin) * (1.0 + rng.uniform(-NEAR_M, NEAR_M) / line.length)
+        reach = rng.choice((NEAR_M, NEARER_M))
+        x, y = (end - begin) * (1.0 + rng.uniform(-reach, reach) / line.length)
         poses.append(Pose2(pose.x + x, pose.y + y, pose.yaw))
     return poses
 
