@@ -29,8 +29,8 @@ ORDER = [
 ]
 ALLOWED = {
     "pybullet": {"sim", "sensing", "bench"},
-    "torch": {"training", "agents"},
-    "stable_baselines3": {"training", "agents"},
+    "torch": {"training", "agents", "bench"},
+    "stable_baselines3": {"training", "agents", "bench"},
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},

@@ -183,7 +183,7 @@ def bench(arguments: argparse.Namespace) -> Result:
 
     show = bench_text
     if arguments.learning == "planar":
-        from zebrat_bullet.training.bench import bench_planar_learning
+        from zebrat_bullet.bench.learning import bench_planar_learning
 
         result = bench_planar_learning(arguments.cars, arguments.device, arguments.rounds, arguments.seed)
     elif arguments.planar:
@@ -192,7 +192,7 @@ def bench(arguments: argparse.Namespace) -> Result:
         show = planar_text
         result = bench_planar(arguments.steps, arguments.cars, arguments.device, arguments.rounds, arguments.seed)
     elif arguments.learning:
-        from zebrat_bullet.training.bench import bench_learning
+        from zebrat_bullet.bench.learning import bench_learning
         from zebrat_bullet.training.presets import TRAIN_PRESETS
 
         config = replace(TRAIN_PRESETS[arguments.learning], worlds=(arguments.world,), seed=arguments.seed)
