@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from zebrat_bullet.bench.learning import bench_learning, bench_planar_learning
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.bench.learning import bench_learning, bench_planar_learning
 from zebrat_bullet.training.presets import paper_config
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 
