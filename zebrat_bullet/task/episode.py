@@ -50,6 +50,7 @@ class Outcome(StrEnum):
 
 
 OUTCOMES = tuple(Outcome)
+_CODES = {outcome: outcome.code for outcome in OUTCOMES}
 
 
 def start_pose(world: World, rng: np.random.Generator) -> Pose2:
@@ -159,13 +160,13 @@ class EpisodeRules:
         moved = xp.hypot(poses[:, 0] - self._checked[:, 0], poses[:, 1] - self._checked[:, 1])
         self._checked[...] = xp.where(checks[:, None], poses[:, :2], self._checked)
         code = xp.zeros(contact.shape, dtype=xp.int8, device=device_of(contact))
-        code = xp.where(self._step >= self._max_steps, xp.full_like(code, Outcome.TIMEOUT.code), code)
-        code = xp.where(checks & (moved < config.stall_distance_m), xp.full_like(code, Outcome.STALL.code), code)
+        code = xp.where(self._step >= self._max_steps, _CODES[Outcome.TIMEOUT], code)
+        code = xp.where(checks & (moved < config.stall_distance_m), _CODES[Outcome.STALL], code)
         sees_open = open_width_m > config.open_width_m
-        code = xp.where(sees_open, xp.full_like(code, Outcome.FALSE_EXIT.code), code)
+        code = xp.where(sees_open, _CODES[Outcome.FALSE_EXIT], code)
         is_out = self._out & (sees_open | (past >= config.out_m))
-        code = xp.where(is_out, xp.full_like(code, Outcome.SUCCESS.code), code)
-        return xp.where(contact | collision, xp.full_like(code, Outcome.COLLISION.code), code)
+        code = xp.where(is_out, _CODES[Outcome.SUCCESS], code)
+        return xp.where(contact | collision, _CODES[Outcome.COLLISION], code)
 
     def state(self) -> dict[str, Array]:
         """Return the arrays that say where every episode stands, by name; not copies."""
