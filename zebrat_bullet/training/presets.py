@@ -79,7 +79,8 @@ _GENERAL = TrainConfig(
     ),
     worlds=(),
     steps=20_000_000,
-    threads=2,
+    # A second thread gains little, and waits for its turn where another process keeps a core busy.
+    threads=1,
     planar=PlanarConfig(n_tracks=3000),
     task=TaskConfig(
         observation=ObservationConfig(log_gaps=True),
