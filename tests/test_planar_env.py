@@ -162,7 +162,7 @@ def test_sb3_goes_on_where_a_state_was_taken() -> None:
         vec.step(action)
     state = vec.state()
     here = [vec.step(action) for action in actions(12)]
-    other.load(state)
+    other.load(*state)
     for action, (observation, reward, done, infos) in zip(actions(12), here, strict=True):
         again = other.step(action)
         assert all(np.array_equal(a, b) for a, b in zip((observation, reward, done), again[:3], strict=True))

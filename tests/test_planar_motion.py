@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from planar_cars import AS_BUILT, FIELD, drive, planar, stand
 
 from zebrat_bullet.config import DynamicsConfig, EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
+from zebrat_bullet.planar.car import ROLLING
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.simulation import Simulation
@@ -29,7 +30,7 @@ def run(
 
 def test_ten_metres_straight_at_twelve_centimetres_a_step() -> None:
     poses = run([(0.6, 0.0)] * 90)
-    assert np.diff(poses[10:, 0]) == pytest.approx(0.12, abs=1e-4)
+    assert np.diff(poses[10:, 0]) == pytest.approx(0.12 * ROLLING, abs=2e-5)
     assert np.abs(poses[:, 1:]).max() < 1e-12 and poses[-1, 0] > 10.0
 
 
@@ -56,8 +57,8 @@ def test_a_rotated_and_shifted_start_drives_the_same_path(robot: RobotModel) -> 
     here, there = np.moveaxis(drive(sim, [(0.6, 0.4)] * 20 + [(-0.6, -0.2)] * 10), 1, 0)
     c, s = math.cos(2.0), math.sin(2.0)
     turned = np.stack([3.0 + c * here[:, 0] - s * here[:, 1], -2.0 + s * here[:, 0] + c * here[:, 1]], axis=1)
-    np.testing.assert_allclose(there[:, :2], turned, atol=3e-5)
-    np.testing.assert_allclose(there[:, 2], here[:, 2] + 2.0, atol=3e-5)
+    np.testing.assert_allclose(there[:, :2], turned, atol=1e-4)
+    np.testing.assert_allclose(there[:, 2], here[:, 2] + 2.0, atol=1e-4)
 
 
 def test_a_car_placed_anew_remembers_nothing() -> None:

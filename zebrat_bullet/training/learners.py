@@ -110,8 +110,7 @@ def to_agent(
     networks, head = _policy_networks(model)
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    curved = any(isinstance(layer, nn.Tanh) for network in networks for layer in network.modules())
-    activation = "tanh" if curved else "relu"
+    activation = "tanh" if isinstance(model, PPO) and model.policy.activation_fn is nn.Tanh else "relu"
     return PolicyAgent(name, layers, observation, provenance, head, activation)
 
 
