@@ -31,7 +31,7 @@ def run(
 def test_ten_metres_straight_at_twelve_centimetres_a_step() -> None:
     poses = run([(0.6, 0.0)] * 90)
     assert np.diff(poses[10:, 0]) == pytest.approx(0.12 * ROLLING, abs=2e-5)
-    assert np.abs(poses[:, 1:]).max() < 1e-12 and poses[-1, 0] > 10.0
+    assert np.abs(poses[:, 1:]).max() < 1e-4 and poses[-1, 0] > 10.0
 
 
 @pytest.mark.parametrize("speed", [0.6, -0.6])
