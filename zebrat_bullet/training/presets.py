@@ -94,7 +94,7 @@ _GENERAL = TrainConfig(
 _QUICK = replace(
     _GENERAL,
     steps=None,
-    max_minutes=3.5,
+    max_minutes=4.75,
     planar=PlanarConfig(n_tracks=600, n_eval_tracks=100, eval_every_steps=250_000),
 )
 
