@@ -77,8 +77,9 @@ def test_a_file_that_names_no_head_has_a_tanh_head_and_rectified_layers(tmp_path
     assert loaded.act(FAR) == agent.act(FAR)
 
 
-def test_the_shipped_policy_is_unguided_and_acts_as_its_layers_say():
-    agent = load_policy("shipped")
+@pytest.mark.parametrize("name", ["shipped", "fomt"])
+def test_a_shipped_policy_is_unguided_and_acts_as_its_layers_say(name):
+    agent = load_policy(name)
     ranges = agent.observation.gap_ranges_m
     assert agent.observation == replace(SPEC, gap_ranges_m=ranges) and agent.privileged == frozenset()
     assert (agent.head, agent.activation) == ("clip", "tanh")
