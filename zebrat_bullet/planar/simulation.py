@@ -173,9 +173,9 @@ class PlanarSimulation:
         who = self._everyone if cars is None else self._upload(cars, wp.int32)
         place = [self._car.data, self._walls, self._world, self._pose]
         beams = [self._rays, self._channels, self._draws]
-        wp.launch(
-            look, (len(who), len(self._rays) // N_RAYS_ABREAST), [*place, *beams, who, self._ranges], device=self.device
-        )
+        shape, inputs = (len(who), len(self._rays) // N_RAYS_ABREAST), [*place, *beams, who, self._ranges]
+        with self._in_order():
+            wp.launch(look, shape, inputs, device=self.device)
 
     def wait(self) -> None:
         """Wait until the device has done all that it was asked to."""

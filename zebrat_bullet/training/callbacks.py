@@ -23,6 +23,7 @@ from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
 from zebrat_bullet.training.learners import critic_values, exploration, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
+from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog
 from zebrat_bullet.world import World
@@ -102,6 +103,8 @@ class RunCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         """Evaluate and save here, where nothing is under way: the learner has stored what the last actions did."""
+        if isinstance(self.model, RunPPO):
+            self.model.share_done = min(self._share_done(), 1.0)
         if "evaluation" in self._due:
             self._evaluate()
         if "checkpoint" in self._due:

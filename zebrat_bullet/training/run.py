@@ -106,7 +106,7 @@ def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Pro
     observation = judge.spec_observation
     try:
         if resume:
-            model, state = load_checkpoint(folder / "checkpoint", algo, vec_env)
+            model, state = load_checkpoint(folder / "checkpoint", algo, scaled(vec_env, config.learner))
             for i, place in enumerate(state["places"]):
                 vec_env.env_method("go_to", place, indices=i)
         else:
