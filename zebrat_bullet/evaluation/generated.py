@@ -1,7 +1,7 @@
 """How a policy does on generated tracks that nobody has trained on, by the thousand, on planar cars."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.metrics import wilson_interval
-from zebrat_bullet.planar.drive import N_STARTS, PlanarDrive
+from zebrat_bullet.evaluation.planar_policy import cars_for
+from zebrat_bullet.planar.drive import N_STARTS
 from zebrat_bullet.planar.trial import Trial, drive_out
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
@@ -59,8 +60,8 @@ def judge_generated(
         workers: processes that draw the tracks.
 
     Raises:
-        ConfigError: there are no seeds or starts.
-        PolicyError: the agent is no policy, or observes something else than this task shows.
+        ConfigError: there are no seeds or starts, or the policy observes what this car does not.
+        PolicyError: the agent is no policy.
     """
     if not seeds or not 1 <= starts <= N_STARTS:
         raise ConfigError(f"name at least 1 track and 1 to {N_STARTS} starts, got {len(seeds)} and {starts}")
@@ -68,9 +69,7 @@ def judge_generated(
     if not isinstance(policy, PolicyAgent):
         raise PolicyError(f"planar cars are driven by trained policies, {agent!r} is none; use --worlds for it")
     worlds = list(generate_tracks(seeds, robot=load_robot(task.robot), workers=workers))
-    drive = PlanarDrive(fitted(task, policy), worlds, len(seeds) * starts)
-    if drive.spec != replace(policy.observation, raw=False):
-        raise PolicyError(f"policy {agent!r} observes other bearings or units than this task shows; train one for it")
+    drive = cars_for(policy, task, worlds, len(seeds) * starts)
     where = np.repeat(np.arange(len(seeds), dtype=np.int32), starts)
     poses = drive.starts[where, np.tile(np.arange(starts), len(seeds))]
     rng = np.random.default_rng(0)
@@ -82,15 +81,6 @@ def judge_generated(
         return actions + rng.normal(0.0, action_noise, actions.shape).astype(np.float32)
 
     return _score(drive_out(drive, act, where, poses), len(seeds), starts, task)
-
-
-def fitted(task: TaskConfig, policy: PolicyAgent) -> TaskConfig:
-    """Return the task with what a policy observes."""
-    seen = policy.observation
-    observation = replace(
-        task.observation, log_gaps=bool(seen.gap_ranges_m), last_command=seen.last_command, waypoint=seen.waypoint
-    )
-    return replace(task, observation=observation)
 
 
 def _score(trial: Trial, tracks: int, starts: int, task: TaskConfig) -> GeneratedScore:

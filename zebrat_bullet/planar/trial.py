@@ -26,7 +26,13 @@ class Trial:
     n_steps: NDArray[np.int64]
 
 
-def drive_out(drive: PlanarDrive, act: Act, worlds: NDArray[np.int32], poses: NDArray[np.float64]) -> Trial:
+def drive_out(
+    drive: PlanarDrive,
+    act: Act,
+    worlds: NDArray[np.int32],
+    poses: NDArray[np.float64],
+    on_end: Callable[[int], None] = lambda n: None,
+) -> Trial:
     """Drive every car of `drive` from its start until its episode is over.
 
     Args:
@@ -34,6 +40,7 @@ def drive_out(drive: PlanarDrive, act: Act, worlds: NDArray[np.int32], poses: ND
         act: the driver.
         worlds: (N,) in which world each begins.
         poses: (N, 3) where, world frame.
+        on_end: called with the number of episodes that have just ended.
     """
     outcome = np.zeros(drive.n_cars, dtype=np.int8)
     n_steps = np.zeros(drive.n_cars, dtype=np.int64)
@@ -43,6 +50,8 @@ def drive_out(drive: PlanarDrive, act: Act, worlds: NDArray[np.int32], poses: ND
         step += 1
         result = drive.step(like(act(on_host(observation)), observation))
         observation = result.observation
-        first = result.ended[outcome[result.ended] == 0]
+        first = result.ended[outcome[result.ended] == 0]  # a car whose episode is over goes on with others
         outcome[first], n_steps[first] = on_host(result.outcome)[first], step
+        if len(first):
+            on_end(len(first))
     return Trial(outcome, n_steps)

@@ -1,18 +1,17 @@
 """How the episodes of a policy end in PyBullet and with planar cars that begin at the same poses."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.arrays import on_host
-from zebrat_bullet.config import ObservationConfig, TaskConfig
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.evaluation.planar_policy import cars_for
 from zebrat_bullet.evaluation.rollout import run_episode
-from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.world import World, load_world
@@ -75,43 +74,13 @@ def drive_planar_episodes(
         ConfigError: the policy observes what this car does not.
     """
     n_worlds, n_episodes = starts.shape[:2]
-    drive = PlanarDrive(_task_for(policy, task), worlds, n_worlds * n_episodes, raw=policy.observation.raw)
-    _check_observation(policy, drive)
-    observation = drive.begin_at(np.repeat(np.arange(n_worlds, dtype=np.int32), n_episodes), starts.reshape(-1, 3))
-    outcome, n_steps, step = np.zeros(drive.n_cars, np.int8), np.zeros(drive.n_cars, np.int64), 0
-    while not outcome.all():
-        now = drive.step(policy.action(on_host(observation)))
-        observation, step = now.observation, step + 1
-        ended = now.ended[outcome[now.ended] == 0]  # a car whose episode is over goes on with others
-        outcome[ended], n_steps[ended] = on_host(now.outcome)[ended], step
-        if len(ended):
-            on_end(len(ended))
-    durations = n_steps * task.physics.control_step_s
+    drive = cars_for(policy, task, worlds, n_worlds * n_episodes)
+    where = np.repeat(np.arange(n_worlds, dtype=np.int32), n_episodes)
+    trial = drive_out(drive, policy.action, where, starts.reshape(-1, 3), on_end)
+    durations = trial.n_steps * task.physics.control_step_s
     rows = starts.reshape(-1, 3).tolist()
     endings = [
         Ending(outcome=str(Outcome.of(int(code))), duration_s=float(duration), start=tuple(start))
-        for code, duration, start in zip(outcome, durations, rows, strict=True)
+        for code, duration, start in zip(trial.outcome, durations, rows, strict=True)
     ]
     return [endings[i : i + n_episodes] for i in range(0, len(endings), n_episodes)]
-
-
-def _task_for(policy: PolicyAgent, task: TaskConfig) -> TaskConfig:
-    spec = policy.observation
-    observed = ObservationConfig(
-        log_gaps=bool(spec.gap_ranges_m), last_command=spec.last_command, waypoint=spec.waypoint
-    )
-    return replace(task, observation=observed)
-
-
-def _check_observation(policy: PolicyAgent, drive: PlanarDrive) -> None:
-    """Refuse a policy that cannot act on what planar cars observe.
-
-    Raises:
-        ConfigError: names what differs.
-    """
-    its, ours = asdict(policy.observation), asdict(drive.spec)
-    if differing := [f"{name} {its[name]} for {ours[name]}" for name in ours if its[name] != ours[name]]:
-        raise ConfigError(
-            f"policy {policy.name!r} observes something else than this car: {', '.join(differing)}; use the robot and "
-            "the senses that it was trained with"
-        )
