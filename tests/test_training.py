@@ -30,6 +30,7 @@ from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
@@ -327,3 +328,23 @@ def test_evaluations_begin_at_the_start_wherever_training_does(tmp_path):
     kept = next((tmp_path / "run" / "collapse").glob("*.npz"))
     start = load_world("track_2").start
     assert np.abs(load_record(kept).pose[0, 1] - start.pose.y) <= start.range_y_m + 0.01
+
+
+def test_ppo_keeps_its_falling_rate_and_its_rewards_scale_over_a_resume(tmp_path):
+    config = tiny("ppo")
+    config = replace(config, learner=replace(config.learner, lr_final=0.1, reward_scale=0.01))
+    train(config, tmp_path / "whole")
+    told = []
+
+    def die(progress):
+        told.append(progress)
+        if len(told) == 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "killed", die)
+    resume(tmp_path / "killed")
+    whole, killed = (load_file(tmp_path / name / "last.safetensors") for name in ("whole", "killed"))
+    assert all(np.array_equal(values, killed[name]) for name, values in whole.items())
+    ended = RunPPO.load(tmp_path / "whole" / "checkpoint" / "model.zip", device="cpu")
+    assert ended.policy.optimizer.param_groups[0]["lr"] < config.learner.lr
