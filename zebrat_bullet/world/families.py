@@ -25,7 +25,7 @@ from zebrat_bullet.world.track import corner_extent, course_m
 
 # A drawn width is up to this much more than its difficulty says.
 _SPREAD_M = 0.06
-_COURSE_M = (6.5, 14.0)
+_COURSE_M, _LONGEST_M = (6.5, 14.0), 15.0
 _BUTTRESS_M = 0.3
 
 
@@ -155,7 +155,7 @@ def boxes(rng: np.random.Generator, difficulty: float, car_width_m: float) -> It
         angle = 90.0 if rng.random() < 0.4 else float(rng.choice([30.0, 45.0, 60.0]))
         return [*_sharp(rng, one_of_sides(rng) * angle, _width(rng, difficulty, 1.7, 1.07))]
 
-    gap_m = cm(between(difficulty, 0.03, 0.1))
+    gap_m = cm(between(difficulty, 0.03, 0.08))
     for draft in _chains(rng, difficulty, leg):
         yield Draft(draft.segments, wall=box_walls(rng, gap_m))
 
@@ -217,7 +217,10 @@ def _chains(
         segments: Segments = [first, *leg()]
         last_m = cm(after + rng.uniform(0.0, 0.8))
         while course_m(segments) + last_m < aim_m - 1.5:
-            segments += leg()
+            more = leg()
+            if course_m([*segments, *more]) + last_m > _LONGEST_M:
+                break
+            segments += more
         end = segments[-1]
         assert isinstance(end, Straight)
         segments.append(Straight(straight=last_m, width=end.width))

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.robot import RobotModel
@@ -176,7 +177,7 @@ def _valid_track(
             world = build_world(spec, Path(name))
             _check_closed(world)
             validate_world(world, robot, name)
-        except WorldError:
+        except (WorldError, shapely.GEOSException):  # the latter where rounding makes a wall cross itself
             continue
         assert world.open_line is not None
         if walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
