@@ -172,6 +172,24 @@ def test_least_time_of_a_straight_is_its_length_at_full_speed(world: World, robo
     assert made.clearance_m == pytest.approx(0.4, abs=2e-4)
 
 
+def driven_to_the_line_m(world: World, certificate: Certificate) -> float:
+    poses = np.array(certificate.path)
+    poses, _ = ArcPath(poses, np.array(certificate.directions)).sample(0.005)
+    lidars = poses[:, :2] + 0.671 * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    past = next(i for i, lidar in enumerate(lidars) if world.past_open_line(*lidar))
+    return float(np.hypot(*np.diff(poses[: past + 1, :2], axis=0).T).sum())
+
+
+def test_no_drive_beats_the_lower_bound_forward_or_backward(robot: RobotModel) -> None:
+    backward = corner(1.1)
+    pose = backward.start.pose
+    backward = replace(backward, start=replace(backward.start, pose=Pose2(pose.x, pose.y, np.pi)))
+    shipped = [load_world("track_6"), load_world("track_4")]
+    for world in [*shipped, backward, corner(0.9), *generate_tracks(range(70, 74), robot=robot)]:
+        made = certify(world, robot)
+        assert made.shortest_m <= driven_to_the_line_m(world, made) <= 1.4 * made.shortest_m
+
+
 def moved(certificate: Certificate, i: int, dx: float = 0.0, dyaw: float = 0.0) -> tuple:
     path = [list(pose) for pose in certificate.path]
     path[i][0] += dx

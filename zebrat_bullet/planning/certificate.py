@@ -39,6 +39,8 @@ _FEW = 2
 LEAST_MARGIN_M = 0.003
 """What a certified drive keeps from the walls unless told otherwise."""
 
+# How finely the straight from axle to lidar is divided.
+_STRAIGHT_PARTS = 64
 # So many worlds wait for each process.
 _WAITING = 8
 _DIGITS = 6
@@ -62,9 +64,9 @@ class Certificate:
             the margin is kept from 2 m of driving on.
         start_clearance_m: distance from the footprint to the walls where the path begins.
         shortest_m: no drive from the middle of the start range brings the lidar over the open-space line with less
-            driven by the rear axle. It bounds the way of a disc about the axle that the footprint holds; a car that
-            cannot turn on the spot needs more.
-        least_time_s: `shortest_m` at full speed.
+            driven by the rear axle, however often it reverses. It bounds the way of a disc about the axle that the
+            footprint holds; a car that cannot turn on the spot needs more, in sharp corners and U-turns most.
+        least_time_s: `shortest_m` at full speed, from the first metre on.
     """
 
     world: str
@@ -314,12 +316,27 @@ def _start_clearance_m(path: ArcPath, world: World, robot: RobotModel) -> float:
 
 
 def _shortest_m(world: World, robot: RobotModel, open_line: NDArray[np.float64]) -> float:
-    """Return a lower bound for how far the rear axle must drive before the lidar is over the line."""
+    """Return a lower bound for how far the rear axle must drive before the lidar is over the line.
+
+    The footprint holds a disc about the axle, and about every point of the straight from the axle towards the lidar as
+    far as that lies deep enough inside. The axle's way and this straight together are a way of that disc, however often
+    the car reverses; it ends short of the line by the rest of the straight, and so crosses the line drawn that much
+    nearer.
+    """
     lidar, axle = robot.lidar_xyz_base[:2], np.array([robot.rear_axle_x_m, 0.0])
-    # The axle's way and then the straight to the lidar together lead to the line, and keep this far from the walls.
-    radius = min(inscribed_radius_m(robot.footprint_base, point) for point in (lidar, axle))
-    to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], open_line, radius)
-    return max(0.0, to_line - math.dist(lidar, axle))
+    radius = inscribed_radius_m(robot.footprint_base, axle)
+    part = next(
+        part
+        for part in np.linspace(1.0, 0.0, _STRAIGHT_PARTS + 1)
+        if inscribed_radius_m(robot.footprint_base, axle + part * (lidar - axle)) >= radius - 1e-9
+    )
+    straight = math.dist(lidar, axle)
+    along = (open_line[1] - open_line[0]) / math.dist(*open_line)
+    # The way out is to the right of the line. Its ends stand at walls; drawn nearer, it may have further to go to them.
+    nearer = open_line + (1.0 - part) * straight * np.array([-along[1], along[0]])
+    nearer = nearer + np.outer([-1.0, 1.0], radius * along)
+    to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], nearer, radius)
+    return max(0.0, to_line - part * straight)
 
 
 def _in_start_range(world: World, robot: RobotModel, axle: Sequence[float] | NDArray[np.float64]) -> bool:

@@ -42,9 +42,12 @@ def shortest_length_m(
     target = shapely.LineString(line).difference(seen_through)
     if target.is_empty:
         return np.inf
-    last = shapely.shortest_line(shapely.points(points), target)
-    visible = ~shapely.crosses(seen_through, last)
-    return float(np.min(to_corner + shapely.length(last), where=visible, initial=np.inf))
+    shortest = np.inf
+    for part in shapely.get_parts(target):  # each for itself: a way may end on one that is not the nearest
+        last = shapely.shortest_line(shapely.points(points), part)
+        visible = ~shapely.crosses(seen_through, last)
+        shortest = float(np.min(to_corner + shapely.length(last), where=visible, initial=shortest))
+    return shortest
 
 
 def _convex_corners(shape: shapely.Geometry) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
