@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -215,7 +215,7 @@ def _open_line(world: World) -> NDArray[np.float64]:
 
 
 def _find(world: World, robot: RobotModel, physics: PhysicsConfig, margin_m: float) -> ArcPath:
-    """Search at ease, and more closely where that leaves many reversals; then for a proof, then with all might."""
+    """Search with room to spare; then for a proof that it is in vain; then ever more closely."""
     # What rounding takes: of the steering, and of the clearance.
     margin = margin_m + 2.0 * _CLOSELY_M
     search = HybridAStarConfig(
@@ -224,27 +224,33 @@ def _find(world: World, robot: RobotModel, physics: PhysicsConfig, margin_m: flo
         reversal_cost=_REVERSAL_COST,
         save_reversals=True,
     )
-    best: ArcPath | None = None
-    for look in (search, search.finer()):
-        try:
-            path = plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], look).path
-        except PlanError as error:
-            if error.proven:
-                raise
-            continue
-        if best is None or path.n_reversals < best.n_reversals:
-            best = path
-        if best.n_reversals <= _FEW:
-            break
-    if best is not None:
-        return best
-    if proves_no_way(world, robot):
+    best = _fewer(world, robot, replace(search, margins_m=search.margins_m[:1]), None)
+    if best is None and proves_no_way(world, robot):
         raise PlanError(
             "no drive leads out, however often the car reverses: what is free round the start does not reach the exit; "
             "widen the narrowest place",
             proven=True,
         )
-    return plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], search.finest()).path
+    if (best is None or best.n_reversals > 0) and search.margins_m[1:]:
+        best = _fewer(world, robot, replace(search, margins_m=search.margins_m[1:]), best)
+    if best is None or best.n_reversals > _FEW:
+        best = _fewer(world, robot, search.finer(), best)
+    return best or _plan(world, robot, search.finest())
+
+
+def _fewer(world: World, robot: RobotModel, search: HybridAStarConfig, best: ArcPath | None) -> ArcPath | None:
+    """Return the path that a search finds where it has fewer reversals than the best so far, else that one."""
+    try:
+        path = _plan(world, robot, search)
+    except PlanError as error:
+        if error.proven:
+            raise
+        return best
+    return path if best is None or path.n_reversals < best.n_reversals else best
+
+
+def _plan(world: World, robot: RobotModel, search: HybridAStarConfig) -> ArcPath:
+    return plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], search).path
 
 
 def _certificate_or_refusal(

@@ -66,7 +66,7 @@ class HybridAStarConfig:
     save_reversals: bool = False
     greed: float = 1.1
     goal_radius_m: float = 0.3
-    max_nodes: int = 300_000
+    max_nodes: int = 200_000
 
     def __post_init__(self) -> None:
         if not (self.arc_m > 0 and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
