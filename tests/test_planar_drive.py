@@ -118,6 +118,13 @@ def test_starts_are_the_worlds_own_whatever_stands_beside_it_and_when_it_came(wo
     assert np.abs(away[:, 2]).max() <= start.range_yaw_rad and len(np.unique(first.starts[0], axis=0)) == N_STARTS
 
 
+def test_half_of_the_episodes_begin_at_the_start_where_either_is_asked_for(worlds: list[World]) -> None:
+    drive = PlanarDrive(replace(TASK, episode=EpisodeConfig(start="either")), worlds, 2)
+    for starts, world in zip(drive.starts, worlds, strict=True):
+        off = np.abs(starts[:, :2] - (world.start.pose.x, world.start.pose.y)).max(axis=1)
+        assert N_STARTS / 4 < (off < 0.15).sum() < 3 * N_STARTS / 4
+
+
 def test_added_worlds_are_driven_from_then_on(worlds: list[World]) -> None:
     drive = PlanarDrive(TASK, worlds[:1], 200)
     drive.add_worlds(worlds[1:])

@@ -261,7 +261,8 @@ class EpisodeConfig:
         open_width_m: V_left + V_right above this is open space.
         out_m: the car is out once its lidar is so far past the open-space line, whatever it sees: beyond the line, the
             track's own outer wall can hide the open space.
-        start: "start" (the world's start pose with its random range) or "anywhere" (along the centre line).
+        start: "start" (the world's start pose with its random range), "anywhere" (along the centre line), or "either"
+            (one as often as the other).
     """
 
     max_steps: int = 1000
@@ -273,7 +274,8 @@ class EpisodeConfig:
 
     def __post_init__(self) -> None:
         _require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
-        _require(self.start in ("start", "anywhere"), f"start must be 'start' or 'anywhere', got {self.start!r}")
+        starts = ("start", "anywhere", "either")
+        _require(self.start in starts, f"start must be one of {', '.join(starts)}, got {self.start!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

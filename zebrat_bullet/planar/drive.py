@@ -15,7 +15,7 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
-from zebrat_bullet.task.episode import EpisodeRules, anywhere_poses, open_lines, start_pose
+from zebrat_bullet.task.episode import EpisodeRules, draw_poses, open_lines
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
@@ -127,10 +127,7 @@ class PlanarDrive:
     def _draw_starts(self, world: World) -> NDArray[np.float64]:
         """Return N_STARTS poses of a world, (N_STARTS, 3), a function of the world alone."""
         rng = np.random.default_rng(np.frombuffer(world.name.encode(), dtype=np.uint8))
-        if self.task.episode.start == "anywhere":
-            return anywhere_poses(world, self.robot, rng, N_STARTS)
-        poses = [start_pose(world, rng) for _ in range(N_STARTS)]
-        return np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+        return draw_poses(world, self.robot, self.task.episode.start, rng, N_STARTS)
 
     def reset(self, seed: int | None = None) -> Array:
         """Begin an episode of every car and return the (N, size) observations; None goes on with the same generator."""

@@ -13,7 +13,7 @@ from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.dynamics import draw_one
-from zebrat_bullet.task.episode import EpisodeRules, Outcome, anywhere_pose, open_lines, start_pose
+from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, open_lines
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
 from zebrat_bullet.types import Command, Commands, Pose2, Reading, RobotState
@@ -92,7 +92,7 @@ class Drive:
         self.lidar.set_world(self.world)
         self._noise_rng, dynamics_rng = rng.spawn(2)
         dynamics = draw_one(self.config.dynamics, dynamics_rng)
-        self.state = self.sim.reset(pose or self._draw_pose(rng), dynamics)
+        self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode.start, rng), dynamics)
         max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
         self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps)
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
@@ -117,11 +117,6 @@ class Drive:
     def close(self) -> None:
         """Release the physics server; a second call does nothing."""
         self.sim.close()
-
-    def _draw_pose(self, rng: np.random.Generator) -> Pose2:
-        if self.config.episode.start == "anywhere":
-            return anywhere_pose(self.world, self.robot, rng)
-        return start_pose(self.world, rng)
 
     def _read(self, command: Command) -> Reading:
         scan = self.lidar.scan(self.state, self._noise_rng, watched_only=not self._whole_scans)

@@ -53,6 +53,28 @@ OUTCOMES = tuple(Outcome)
 _CODES = {outcome: outcome.code for outcome in OUTCOMES}
 
 
+def draw_pose(world: World, robot: RobotModel, start: str, rng: np.random.Generator) -> Pose2:
+    """Draw where an episode begins, by `EpisodeConfig.start`.
+
+    Raises:
+        WorldError: as `anywhere_poses`.
+    """
+    ((x, y, yaw),) = draw_poses(world, robot, start, rng, 1).tolist()
+    return Pose2(x, y, yaw)
+
+
+def draw_poses(world: World, robot: RobotModel, start: str, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """Draw (n, 3) such poses: x, y in m and yaw in rad."""
+    if start == "anywhere":
+        return anywhere_poses(world, robot, rng, n)
+    poses = [start_pose(world, rng) for _ in range(n)]
+    drawn = np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+    if start == "either":
+        there = rng.random(n) < 0.5
+        drawn[there] = anywhere_poses(world, robot, rng, int(there.sum()))
+    return drawn
+
+
 def start_pose(world: World, rng: np.random.Generator) -> Pose2:
     """Draw a pose from the world's start range, uniform in the start pose's own frame."""
     start = world.start

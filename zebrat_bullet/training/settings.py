@@ -7,6 +7,7 @@ from typing import Literal
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.collapses import WatchdogConfig
+from zebrat_bullet.world import check_family
 
 VALIDATION_SEED = 800_000
 """Generated tracks of seeds from here to `HELD_OUT_SEED` choose the best policy of a run."""
@@ -144,19 +145,20 @@ class PlanarConfig:
         n_cars: cars side by side.
         device: "cpu" or "cuda", where they drive.
         n_tracks: generated tracks that join the run's worlds, of the seeds from 0 on.
-        tightness: share of tight turns among their turns.
+        families: of these tracks, in turn; one that is named twice has twice as many.
         curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there
             is something to learn (Sampling For Learnability); 0: all alike.
         margin_m: walls so near to the outline count as touched while it learns.
-        n_eval_tracks, n_eval_starts: tracks of the seeds from `VALIDATION_SEED` on, and episodes from the start of
-            each, by which the best policy is chosen; sensor and dynamics drawn as in training, no exploration.
+        n_eval_tracks, n_eval_starts: tracks of these families and of the seeds from `VALIDATION_SEED` on, and episodes
+            from the start of each, by which the best policy is chosen; sensor and dynamics drawn as in training, no
+            exploration.
         eval_every_steps: steps between two evaluations, and between two checkpoints.
     """
 
     n_cars: int = 1024
     device: str = "cpu"
     n_tracks: int = 2000
-    tightness: float = 0.8
+    families: tuple[str, ...] = ("mixed",)
     curriculum: float = 0.03
     margin_m: float = 0.02
     n_eval_tracks: int = 250
@@ -165,7 +167,11 @@ class PlanarConfig:
 
     def __post_init__(self) -> None:
         _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
-        _shares(self, "tightness", "curriculum")
+        _shares(self, "curriculum")
+        if not self.families:
+            raise ConfigError("planar.families is empty; name at least one family of tracks")
+        for family in self.families:
+            check_family(family, None)
         if not 0 <= self.n_tracks <= VALIDATION_SEED:
             raise ConfigError(
                 f"planar.n_tracks must be 0 to {VALIDATION_SEED}, the seeds that are not kept for judging, "

@@ -3,6 +3,7 @@
 from zebrat_bullet.world.generate import (
     FAMILIES,
     HELD_OUT_SEED,
+    check_family,
     difficulty_of,
     generate_spec,
     generate_track,
@@ -18,6 +19,7 @@ __all__ = [
     "Mesh",
     "Start",
     "World",
+    "check_family",
     "difficulty_of",
     "generate_spec",
     "generate_track",
