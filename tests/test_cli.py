@@ -100,9 +100,23 @@ def test_worlds_lists_and_draws(tmp_path):
     assert (tmp_path / "worlds.png").stat().st_size > 10_000
 
 
+def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_path):
+    chosen = ("--family", "niches", "deadends", "--seed", 900_007, "--difficulty", 0.3)
+    answer = result("worlds", "--generate", 2, *chosen, "--draw", "--out", tmp_path)
+    names = ["niches-900007", "niches-900008", "deadends-900007", "deadends-900008"]
+    assert list(answer) == names and (tmp_path / "worlds.png").stat().st_size > 10_000
+    again = result("worlds", *(tmp_path / f"{name}.yaml" for name in names))
+    assert again == answer
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("worlds", "--generate", "1", "--family", "ring"), "no family of tracks 'ring': name one of mixed,"),
+        (("worlds", "--generate", "1", "--difficulty", "1.5"), "difficulty must be 0 (easy) to 1 (hard), got 1.5"),
+        (("worlds", "--generate", "0"), "at least 1 world"),
+        (("worlds", "track_1", "--generate", "1"), "takes no names"),
+        (("worlds", "--family", "boxes"), "add --generate N"),
         (("evaluate", "--agent", "nobody"), "no agent 'nobody': name one of"),
         (("evaluate", "--agent", "random", "--worlds", "nowhere"), "nowhere"),
         (("evaluate", "--agent", "random", "--episodes", "0"), "episodes must be at least 1"),

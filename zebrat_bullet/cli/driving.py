@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from zebrat_bullet.errors import ConfigError, PlanError, WorldError
 
 if TYPE_CHECKING:
     from zebrat_bullet.evaluation.metrics import Score
+    from zebrat_bullet.robot import RobotModel
 
 
 def evaluate(arguments: argparse.Namespace) -> Result:
@@ -136,19 +138,26 @@ def video(arguments: argparse.Namespace) -> Result:
 
 
 def worlds(arguments: argparse.Namespace) -> Result:
-    """List worlds with length, narrowest width and turns; draw them to scale, write ROS maps, certify drives out."""
+    """List worlds with length, narrowest width and turns; generate, draw, certify them, write them as ROS maps."""
     from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
     from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.world import load_world, world_summary
 
-    loaded = [load_world(name) for name in arguments.names or list_assets("worlds", ".yaml")]
+    robot = load_robot(arguments.robot)
+    names: Sequence[str | Path] = arguments.names or list_assets("worlds", ".yaml")
+    path = arguments.out or Path("results") / "worlds.png"
+    if arguments.generate is not None:
+        folder = arguments.out or Path("results") / "worlds"
+        names, path = _generate(arguments, robot, folder), folder / "worlds.png"
+    elif arguments.family or arguments.difficulty is not None:
+        raise ConfigError("--family and --difficulty say what to --generate; add --generate N")
+    loaded = [load_world(name, robot=robot) for name in names]
     result = {world.name: world_summary(world) for world in loaded}
     if arguments.draw:
-        path = arguments.out or Path("results") / "worlds.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw_worlds(loaded, path, load_robot(arguments.robot).footprint_base)
+        draw_worlds(loaded, path, robot.footprint_base)
         note(arguments, f"drew {path}")
     for world in loaded if arguments.map else ():
         ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
@@ -205,6 +214,28 @@ def bench(arguments: argparse.Namespace) -> Result:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(result, indent=2))
     return result, show(result)
+
+
+def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) -> list[Path]:
+    """Write the tracks of N seeds of each family that was named as world files, and return their paths."""
+    from zebrat_bullet.world.generate import check_family, generate_spec
+    from zebrat_bullet.world.schema import write_spec
+
+    if arguments.names or arguments.generate < 1:
+        raise ConfigError(
+            f"--generate makes at least 1 world and takes no names, got {arguments.generate} and names "
+            f"{arguments.names}; leave the names out to generate"
+        )
+    chosen, difficulty = arguments.family or ["mixed"], arguments.difficulty
+    for family in chosen:
+        check_family(family, difficulty)
+    seeds = range(arguments.seed, arguments.seed + arguments.generate)
+    made = (
+        generate_spec(seed, family=family, difficulty=difficulty, robot=robot) for family in chosen for seed in seeds
+    )
+    paths = [write_spec(spec, folder) for spec in made]
+    note(arguments, f"wrote {len(paths)} world files to {folder}")
+    return paths
 
 
 def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
@@ -273,7 +304,12 @@ def add(command: AddCommand) -> None:
 
     made = command(worlds)
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
-    made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png")
+    made.add_argument(
+        "--generate", type=int, metavar="N", help="instead: write tracks of N seeds from --seed on into --out FOLDER"
+    )
+    made.add_argument("--family", nargs="+", metavar="NAME", help="of these families each (default: mixed)")
+    made.add_argument("--difficulty", type=float, help="0 to 1 (default: drawn for each track; mixed: 0.6)")
+    made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png (FOLDER/worlds.png)")
     made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
     made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
 

@@ -130,7 +130,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     if algo in DISCRETE:
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
     robot = load_robot(config.task.robot)
-    tracks = generate_tracks(range(planar.n_tracks), tightness=planar.tightness, robot=robot, workers=workers)
+    tracks = generate_tracks(range(planar.n_tracks), difficulty=planar.tightness, robot=robot, workers=workers)
     worlds = [*map(load_world, config.worlds), *tracks]
     kept = range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)
     eval_worlds = list(generate_tracks(kept, robot=robot, workers=workers))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.niches import open_niches
 from zebrat_bullet.world.schema import LOWEST_WALL_M, PolygonObstacle, StartSpec, WorldSpec
 from zebrat_bullet.world.solid import ExtrudedMesh, Solid, join, polygons_of
 from zebrat_bullet.world.sources import mesh_outlines, read_mesh, read_ros_map
@@ -68,12 +69,14 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         open_line=open_line,
         max_steps=spec.max_steps,
         turns_deg=tuple(turn for at, turn in track.turns if at > begin_m) if track else (),
+        family=spec.family,
+        difficulty=spec.difficulty,
     )
 
 
 def _corridor(spec: WorldSpec, source: str) -> tuple[Track, NDArray[np.float64]]:
     if spec.segments is not None:
-        track = lay_track(spec.segments, source)
+        track = open_niches(lay_track(spec.segments, source), spec.niches, source)
         return track, _exit_line(track.exit, track.widths_m[-1])
     for i, ring in enumerate(spec.free_space or []):
         if not shapely.Polygon(ring).is_valid:

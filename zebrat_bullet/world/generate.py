@@ -1,4 +1,4 @@
-"""Random tracks for training: laid from the same segments as the shipped ones, and checked by the same rules."""
+"""Random tracks by family: laid from the same segments as the shipped ones, and checked by the same rules."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -9,12 +9,16 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.world import families, reversing
 from zebrat_bullet.world.build import build_world
-from zebrat_bullet.world.draw import draw_track
 from zebrat_bullet.world.load import default_robot
+from zebrat_bullet.world.mixed import mixed
+from zebrat_bullet.world.pieces import Draft
+from zebrat_bullet.world.schema import WorldSpec
 from zebrat_bullet.world.solid import ExtrudedMesh
 from zebrat_bullet.world.track import course_m
 from zebrat_bullet.world.validate import check_closed, validate_world
@@ -23,96 +27,162 @@ from zebrat_bullet.world.world import World
 
 # Tracks of seeds from here on are never trained on: they are kept to measure what a policy makes of unknown ones.
 HELD_OUT_SEED = 900_000
+# Draws drafts of a track without end, given a difficulty and the width of the car in m.
+Drafts = Callable[[np.random.Generator, float, float], Iterator[Draft]]
+_DRAFTS: dict[str, Drafts] = {
+    "mixed": mixed,
+    "corridors": families.corridors,
+    "corners": families.corners,
+    "uturns": families.uturns,
+    "curves": families.curves,
+    "uneven": families.uneven,
+    "bottlenecks": families.bottlenecks,
+    "boxes": families.boxes,
+    "niches": families.niches,
+    "manoeuvres": reversing.manoeuvres,
+    "deadends": reversing.deadends,
+}
+FAMILIES = tuple(_DRAFTS)
+_COURSE_M = dict.fromkeys(FAMILIES, (6.0, 15.0)) | dict.fromkeys(("manoeuvres", "deadends"), (4.0, 15.0))
+_MIXED_DIFFICULTY = 0.6
 _MAX_TRIES = 200
 # So many seeds go to a process at a time, and so many such batches wait for each process.
 _BATCH, _WAITING = 8, 3
-# Share of the tracks whose walls are rows of cardboard boxes.
-_BOXED_SHARE = 0.15
 
 
 def generate_track(
     rng: np.random.Generator,
     *,
-    length_m: tuple[float, float] = (6.0, 15.0),
-    tightness: float = 0.6,
-    variety: bool = True,
+    family: str = "mixed",
+    difficulty: float | None = None,
     robot: RobotModel | None = None,
     name: str = "generated",
 ) -> World:
-    """Draw tracks until one is valid; the same state of `rng` gives the same track.
+    """Draw tracks of a family until one is valid; the same state of `rng` gives the same track.
 
     Args:
         rng: all randomness comes from here.
-        length_m: shortest and longest course, from the closed end to the open-space line.
-        tightness: share of turns drawn from the tight ones (right-angled corners 1.1-1.4 m wide, U-turns of 1.2-1.5 m).
-        variety: also draw what the shipped unseen worlds have: walls of cardboard boxes, runs of right angles, long
-            places a metre wide, two buttresses. Without it the tracks are those that the shipped policies learned on:
-            in one of fifty a wall beside the exit has an opening of up to 0.3 m.
+        family: one of `FAMILIES`.
+        difficulty: 0 to 1; if None it is drawn, and 0.6 for `mixed` tracks, where it is the share of tight turns.
         robot: the car that must fit; ZebraT if None.
         name: of the world.
 
     Raises:
-        WorldError: no valid track of that length in many tries; widen `length_m`.
+        ConfigError: there is no such family or difficulty.
+        WorldError: no valid track in many tries.
     """
-    robot = robot or default_robot()
-    aim_m = float(rng.uniform(*length_m))
-    # Drawn once: a row of boxes is refused more often than a smooth wall, and would become rarer.
-    boxed = variety and float(rng.random()) < _BOXED_SHARE
-    for _ in range(_MAX_TRIES):
-        spec = draw_track(rng, length_m=aim_m, tightness=tightness, variety=variety, boxed=boxed, name=name)
-        assert spec.segments is not None
-        if not length_m[0] <= course_m(spec.segments) <= length_m[1]:
-            continue
-        try:
-            world = build_world(spec, Path(name))
-            _check_closed(world)
-            validate_world(world, robot, name)
-        except WorldError:
-            continue
-        assert world.open_line is not None
-        if not variety or walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
-            return world
-    raise WorldError(f"{name}: length_m: no valid track of {length_m} m in {_MAX_TRIES} tries; widen the range")
+    return _valid_track(rng, family=family, difficulty=difficulty, robot=robot or default_robot(), name=name)[1]
+
+
+def generate_spec(
+    seed: int, *, family: str = "mixed", difficulty: float | None = None, robot: RobotModel | None = None
+) -> WorldSpec:
+    """Return the world file of a seed's track: loaded, it is the world that `generate_tracks` makes.
+
+    Raises:
+        ConfigError: there is no such family or difficulty.
+        WorldError: no valid track in many tries.
+    """
+    rng, name = np.random.default_rng(seed), _name(seed, family)
+    return _valid_track(rng, family=family, difficulty=difficulty, robot=robot or default_robot(), name=name)[0]
 
 
 def generate_tracks(
     seeds: Iterable[int],
     *,
+    family: str = "mixed",
+    difficulty: float | None = None,
     workers: int = 1,
-    length_m: tuple[float, float] = (6.0, 15.0),
-    tightness: float = 0.6,
-    variety: bool = True,
     robot: RobotModel | None = None,
 ) -> Iterator[World]:
-    """Draw one track for each seed, named `generated-SEED`, in the order of the seeds, which may go on for ever.
+    """Draw one track for each seed, in the order of the seeds, which may go on for ever.
 
     A track depends on its own seed and on what `generate_track` is told, not on its neighbours or on `workers`.
+    It is named `FAMILY-SEED`, `generated-SEED` if mixed.
 
     Args:
         seeds: not negative; those from `HELD_OUT_SEED` on are for evaluation only.
+        family, difficulty, robot: as `generate_track`.
         workers: 1 draws here; more draw in so many processes, which import the caller's main module again, so a script
             needs its `if __name__ == "__main__":`.
-        length_m, tightness, variety, robot: as `generate_track`.
 
     Raises:
-        ConfigError: fewer than one worker.
+        ConfigError: fewer than one worker, no such family or difficulty.
         WorldError: when it is the turn of a seed that has no valid track.
     """
     if workers < 1:
         raise ConfigError(f"workers must be at least 1, got {workers}")
-    track = partial(_track_of, length_m=length_m, tightness=tightness, variety=variety, robot=robot or default_robot())
+    check_family(family, difficulty)
+    track = partial(_track_of, family=family, difficulty=difficulty, robot=robot or default_robot())
     return map(track, seeds) if workers == 1 else _in_processes(track, iter(seeds), workers)
 
 
-def _track_of(seed: int, *, length_m: tuple[float, float], tightness: float, variety: bool, robot: RobotModel) -> World:
+def difficulty_of(seed: int, family: str = "mixed") -> float:
+    """Return the difficulty of a seed's track if none is asked for.
+
+    Raises:
+        ConfigError: there is no such family.
+    """
+    return _difficulty(np.random.default_rng(seed), family, None)
+
+
+def check_family(family: str, difficulty: float | None) -> None:
+    """Refuse a family or a difficulty that there is not.
+
+    Raises:
+        ConfigError: says what there is.
+    """
+    if family not in FAMILIES:
+        raise ConfigError(f"no family of tracks {family!r}: name one of {', '.join(FAMILIES)}")
+    if difficulty is not None and not 0.0 <= difficulty <= 1.0:
+        raise ConfigError(f"difficulty must be 0 (easy) to 1 (hard), got {difficulty}; leave it out to draw it")
+
+
+def _difficulty(rng: np.random.Generator, family: str, asked: float | None) -> float:
+    check_family(family, asked)
+    if family == "mixed":
+        return _MIXED_DIFFICULTY if asked is None else asked
+    # Drawn in any case, so that one seed's tracks of several difficulties resemble each other.
+    drawn = round(float(rng.random()), 3)
+    return drawn if asked is None else asked
+
+
+def _name(seed: int, family: str) -> str:
+    return f"{'generated' if family == 'mixed' else family}-{seed}"
+
+
+def _track_of(seed: int, *, family: str, difficulty: float | None, robot: RobotModel) -> World:
     return generate_track(
-        np.random.default_rng(seed),
-        length_m=length_m,
-        tightness=tightness,
-        variety=variety,
-        robot=robot,
-        name=f"generated-{seed}",
+        np.random.default_rng(seed), family=family, difficulty=difficulty, robot=robot, name=_name(seed, family)
     )
+
+
+def _valid_track(
+    rng: np.random.Generator, *, family: str, difficulty: float | None, robot: RobotModel, name: str
+) -> tuple[WorldSpec, World]:
+    difficulty = _difficulty(rng, family, difficulty)
+    shortest, longest = _COURSE_M[family]
+    car_width_m = float(np.ptp(robot.footprint_base[:, 1]))
+    for draft in islice(_DRAFTS[family](rng, difficulty, car_width_m), _MAX_TRIES):
+        if not shortest <= course_m(draft.segments) <= longest:
+            continue
+        spec = WorldSpec(
+            name=name,
+            description=f"generated: {family}, difficulty {difficulty:.2f}",
+            family=family,
+            difficulty=difficulty,
+            **vars(draft),
+        )
+        try:
+            world = build_world(spec, Path(name))
+            _check_closed(world)
+            validate_world(world, robot, name)
+        except (WorldError, shapely.GEOSException):  # the latter where rounding makes a wall cross itself
+            continue
+        assert world.open_line is not None
+        if walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
+            return spec, world
+    raise WorldError(f"{name}: no valid track in {_MAX_TRIES} tries; take another seed or an easier difficulty")
 
 
 def _in_processes(track: Callable[[int], World], seeds: Iterator[int], workers: int) -> Iterator[World]:

@@ -110,6 +110,19 @@ class Buttress(_Obstacle):
     depth: Metres
 
 
+class Niche(_Strict):
+    """A pocket in the `left` or `right` wall of a `segments` track, `depth` deep, with a mouth of `length`.
+
+    It lies `at_m` along the centre line; at the very corner point of a sharp turn it goes on straight ahead on the
+    outer side.
+    """
+
+    niche: Literal["left", "right"]
+    at_m: NotNegative
+    length: Metres
+    depth: Metres
+
+
 def _kind(item: Any) -> str | None:
     kinds = ("straight", "turn", "box", "polygon", "post", "buttress")
     keys = item if isinstance(item, dict) else getattr(type(item), "model_fields", {})
@@ -146,12 +159,18 @@ class StartSpec(_Strict):
 
 
 class WorldSpec(_Strict):
-    """A world file. Exactly one of `segments`, `free_space`, `mesh`, `map` says where the walls are."""
+    """A world file. Exactly one of `segments`, `free_space`, `mesh`, `map` says where the walls are.
+
+    `family` and `difficulty` say of a generated track how it was drawn; nothing is built from them.
+    """
 
     name: str
     description: str = ""
+    family: str = ""
+    difficulty: Annotated[float, Field(ge=0, le=1)] | None = None
     wall: Wall = Wall()
     segments: Annotated[list[Segment], Field(min_length=1)] | None = None
+    niches: tuple[Niche, ...] = ()
     free_space: Annotated[list[Ring], Field(min_length=1)] | None = None
     mesh: Path | None = None
     map: Path | None = None
@@ -175,6 +194,8 @@ class WorldSpec(_Strict):
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
         if any(isinstance(item, Buttress) for item in self.obstacles):
             raise ValueError("a buttress stands on the wall of a `segments` track: use a box or polygon here")
+        if self.niches:
+            raise ValueError("niches open in the walls of a `segments` track: draw them as part of the walls here")
         if (self.centre_line is None) != (self.open_line is None):
             raise ValueError("centre_line and open_line go together: give both or neither")
         if self.free_space is not None and self.centre_line is None:
@@ -197,6 +218,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise WorldError(f"{path}: holds {type(data).__name__}, not `key: value` lines; start with `name:`")
     return data
+
+
+def write_spec(spec: WorldSpec, folder: Path) -> Path:
+    """Write a world file as `folder`/NAME.yaml, what is as by default left out, and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{spec.name}.yaml"
+    data = spec.model_dump(mode="json", exclude_defaults=True)
+    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
+    return path
 
 
 def parse_spec(data: dict[str, Any], source: str) -> WorldSpec:

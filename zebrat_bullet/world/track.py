@@ -15,10 +15,11 @@ from zebrat_bullet.world.schema import Straight, Turn
 
 SPACING_M = 0.1
 GOAL_M = 1.0
+WAY_OUT_M = GOAL_M + 0.5
 # Facets of 5 degrees stay within 2 mm of the true arc at a radius of 2 m.
 _FACET_RAD = math.radians(5.0)
 # Two legs of a track that come closer than this have no wall between them worth the name.
-_THINNEST_WALL_M = 0.02
+THINNEST_WALL_M = 0.02
 _HAIR_M = 1e-4
 
 
@@ -77,11 +78,11 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
         line += course
         line_widths += [width] * len(course)
     # The way out must stay clear of the track too, as far as the goal and half a car beyond.
-    way_out = _strip(pose, 0.0, GOAL_M + 0.5, line_widths[-1])
+    way_out = strip(pose, 0.0, WAY_OUT_M, line_widths[-1])
     _check_apart([*laid, (len(segments) - 1, way_out)], takes[1:-1], source)
     corners = np.array([(p.x, p.y) for p in [*line, _ahead(pose, GOAL_M)]])
     points, distances, at_widths = resample(corners, np.array([*line_widths, line_widths[-1]]))
-    return Track(_joined([piece for _, piece in laid]), points, distances, at_widths, tuple(turns), pose, travelled)
+    return Track(join_ground([piece for _, piece in laid]), points, distances, at_widths, tuple(turns), pose, travelled)
 
 
 def resample(
@@ -169,7 +170,7 @@ def _lay(
     """
     if isinstance(segment, Straight):
         end = _ahead(pose, segment.straight)
-        return _strip(pose, before, segment.straight - after, width), [end], end
+        return strip(pose, before, segment.straight - after, width), [end], end
     if segment.radius == 0:
         end = Pose2(pose.x, pose.y, pose.yaw + math.radians(segment.turn))
         return _corner(pose, segment.turn, width, extent), [], end
@@ -177,7 +178,8 @@ def _lay(
     return piece, course, course[-1]
 
 
-def _joined(pieces: list[shapely.Polygon]) -> shapely.Polygon:
+def join_ground(pieces: list[shapely.Polygon]) -> shapely.Polygon:
+    """Return the one outline of pieces that share edges."""
     # Rounding leaves hair-thin gaps between pieces that share an edge; grown by a hair they overlap instead.
     grown = shapely.union_all(shapely.buffer(pieces, _HAIR_M, join_style="mitre"))
     shrunk = grown.buffer(-_HAIR_M, join_style="mitre")
@@ -194,7 +196,8 @@ def _polygon(poses: Sequence[Pose2]) -> shapely.Polygon:
     return shapely.Polygon([(p.x, p.y) for p in poses])
 
 
-def _strip(pose: Pose2, begin: float, end: float, width: float) -> shapely.Polygon | None:
+def strip(pose: Pose2, begin: float, end: float, width: float) -> shapely.Polygon | None:
+    """Return a rectangle along a pose, from `begin` to `end` m ahead of it; None where that is no length."""
     if end - begin < 1e-6:
         return None
     return _polygon([_ahead(pose, d, left) for d, left in _box(begin, end, width / 2)])
@@ -240,7 +243,7 @@ def _check_apart(laid: list[tuple[int, shapely.Polygon]], takes: list[float], so
     joined = (second - first == 2) & sharp[(first + second) // 2]
     bad = np.zeros(len(first), dtype=bool)
     bad[joined] = shapely.area(shapely.intersection(shapes[first[joined]], shapes[second[joined]])) > 1e-6
-    bad[~joined] = shapely.distance(shapes[first[~joined]], shapes[second[~joined]]) < _THINNEST_WALL_M
+    bad[~joined] = shapely.distance(shapes[first[~joined]], shapes[second[~joined]]) < THINNEST_WALL_M
     if bad.any():
         i, j = owners[first[bad][0]], owners[second[bad][0]]
         raise WorldError(

@@ -47,6 +47,7 @@ class World:
             the right when going from the first to the second; None where the world declares no exit.
         max_steps: overrides the time-out of the task, or None.
         turns_deg: the turns of the centre line in order, left positive.
+        family, difficulty: how a generated track was drawn, 0 easy to 1 hard; empty and None for others.
         source: what `load_world` was given: a shipped name or a path; empty for a world made in memory.
     """
 
@@ -63,6 +64,8 @@ class World:
     open_line: NDArray[np.float64] | None
     max_steps: int | None = None
     turns_deg: tuple[float, ...] = ()
+    family: str = ""
+    difficulty: float | None = None
     source: str = ""
 
     def past_open_line(self, x: float, y: float) -> bool:

@@ -1,0 +1,80 @@
+"""Families of tracks that a car leaves only by backing up."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from zebrat_bullet.world.pieces import Draft, Segments, between, cm, one_of_sides, wall_of
+from zebrat_bullet.world.schema import Niche, StartSpec, Straight, Turn
+from zebrat_bullet.world.track import corner_extent
+
+_SPREAD_M = 0.03
+# A start with little room about it.
+_START = StartSpec(at_m=1.2, range_x_m=0.04, range_y_m=0.04, range_yaw_rad=0.08)
+# The middle of the car stands so far from the closed end that it faces.
+_NOSE_IN_M = 0.7
+
+
+def manoeuvres(rng: np.random.Generator, difficulty: float, car_width_m: float) -> Iterator[Draft]:
+    """One or two right angles 0.91-1.05 m wide, or a U-turn of 0.98-1.2 m round a thin wall."""
+    u_turn = rng.random() < 0.4
+    n_corners = 1 if rng.random() < 0.5 else 2
+    while True:
+        yield _narrow_u_turn(rng, difficulty) if u_turn else _narrow_corners(rng, difficulty, n_corners)
+
+
+def _narrow_corners(rng: np.random.Generator, difficulty: float, n_corners: int) -> Draft:
+    segments: Segments = [Straight(straight=cm(rng.uniform(2.2, 2.6)), width=cm(rng.uniform(1.15, 1.4)))]
+    for _ in range(n_corners):
+        width = cm(between(difficulty, 1.02, 0.91) + rng.uniform(0.0, _SPREAD_M))
+        corner = Turn(turn=90.0 * one_of_sides(rng), width=width)
+        taken = corner_extent(corner, width)
+        lead, out = (cm(taken + rng.uniform(0.6, 1.4)) for _ in range(2))
+        segments += [Straight(straight=lead, width=width), corner, Straight(straight=out, width=width)]
+    return Draft([*segments, Straight(straight=cm(rng.uniform(0.8, 1.4)), width=cm(rng.uniform(1.15, 1.4)))])
+
+
+def _narrow_u_turn(rng: np.random.Generator, difficulty: float) -> Draft:
+    """Return a lane that turns back and leads out past its own beginning, and so is as narrow there."""
+    width = cm(between(difficulty, 1.17, 0.98) + rng.uniform(0.0, _SPREAD_M))
+    corner = Turn(turn=90.0 * one_of_sides(rng), width=width)
+    lead = cm(rng.uniform(3.0, 4.0))
+    lanes: Segments = [Straight(straight=length, width=width) for length in (lead, cm(lead + rng.uniform(0.6, 1.2)))]
+    across = Straight(straight=cm(width + rng.uniform(0.06, 0.15)), width=width)
+    return Draft([lanes[0], corner, across, corner, lanes[1]], start=_START)
+
+
+def deadends(rng: np.random.Generator, difficulty: float, car_width_m: float) -> Iterator[Draft]:
+    """The car faces a closed end: in a pocket beside the corridor, at its end with a pocket to turn, or in a room."""
+    kind = rng.choice(["pocket", "end", "room"])
+    while True:
+        width = cm(between(difficulty, 1.65, 1.2) + rng.uniform(0.0, _SPREAD_M))
+        side = one_of_sides(rng)
+        # With its start, all of it that can be looked along is under 8 m: no open space is seen across a pocket.
+        length = cm(rng.uniform(4.6, 5.6))
+        begin: Segments = [Straight(straight=length, width=width)]
+        niches: tuple[Niche, ...] = ()
+        pose = (_NOSE_IN_M, 0.0, 180.0)
+        if kind == "pocket":
+            mouth, depth = cm(between(difficulty, 1.5, 1.05) + rng.uniform(0.0, _SPREAD_M)), cm(rng.uniform(1.25, 1.5))
+            at = cm(rng.uniform(1.8, 2.6))
+            niches = (Niche(niche=wall_of(side), at_m=at, length=mouth, depth=depth),)
+            pose = (at, cm(side * (width / 2 + depth - _NOSE_IN_M)), 90.0 * side)
+        elif kind == "end":
+            mouth, depth = cm(between(difficulty, 1.7, 1.15) + rng.uniform(0.0, _SPREAD_M)), cm(rng.uniform(1.1, 1.4))
+            at = cm(rng.uniform(2.2, 3.0))
+            niches = (Niche(niche=wall_of(side), at_m=at, length=mouth, depth=depth),)
+        else:
+            room = cm(between(difficulty, 2.6, 1.9) + rng.uniform(0.0, _SPREAD_M))
+            begin = [Straight(straight=cm(rng.uniform(2.4, 2.8)), width=room), Straight(straight=1.5, width=width)]
+        # The wider, the longer: from its corner a car must not look out and back into the corridor at once.
+        end = Straight(straight=cm(rng.uniform(0.8, 1.4) + 2.0 * (width - 1.2)), width=width)
+        start = _START.model_copy(update={"pose": pose})
+        yield Draft([*begin, *_bend(rng, one_of_sides(rng), width), end], niches=niches, start=start)
+
+
+def _bend(rng: np.random.Generator, side: float, width: float) -> Segments:
+    """Return a sharp turn of 60 to 90 degrees that needs no backing up; round it, a car would see the exit early."""
+    turn = Turn(turn=side * float(rng.integers(60, 91)), width=width)
+    lead, out = (cm(corner_extent(turn, width) + rng.uniform(0.1, 0.4)) for _ in range(2))
+    return [Straight(straight=lead, width=width), turn, Straight(straight=out, width=width)]
