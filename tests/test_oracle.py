@@ -14,6 +14,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances
+from zebrat_bullet.planning.certificate import load_certificate
 from zebrat_bullet.planning.tracking import PathTracker
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.task.drive import Drive, DriveStep
@@ -54,6 +55,8 @@ def test_the_oracle_drives_out_at_full_speed_and_keeps_off_the_walls(name, drive
     record = run_episode(drive, load_agent("oracle", TASK), seed=0, episode=1, world=world)
     assert record.outcome == "success"
     assert clearances(axle_poses(record, robot), robot, world.walls).min() > 0.05
+    # Of a start up to 0.1 m ahead of the one that the bound is for.
+    assert record.duration_s > load_certificate(name).least_time_s - 0.1 / 0.6
     assert (record.command[2:, 0] == 0.6).all()
 
 

@@ -42,4 +42,12 @@ class RenderError(ZebratError, RuntimeError):
 
 
 class PlanError(ZebratError, ValueError):
-    """There is no way from start to goal on the map, or one of them lies in a wall or off the map."""
+    """There is no way from start to goal on the map, or one of them lies in a wall or off the map.
+
+    Attributes:
+        proven: no drive can get there; otherwise the search only found none.
+    """
+
+    def __init__(self, message: str, *, proven: bool = False) -> None:
+        super().__init__(message)
+        self.proven = proven

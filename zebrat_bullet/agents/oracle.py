@@ -29,7 +29,8 @@ class OracleAgent:
     Where there is no way it stands still, and the judge calls it stalled.
 
     Args:
-        config: the planner; its steering is lessened by a reserve for the tracker as long as that leaves a way.
+        config: the planner; its steering is lessened by a reserve for the tracker as long as that leaves a way. Where
+            only the last, least margin is left, it first looks more closely for a way with a wider one.
         task: the task it drives in: the car and the limits of its commands.
     """
 
@@ -39,7 +40,11 @@ class OracleAgent:
     def __init__(self, config: HybridAStarConfig, task: TaskConfig) -> None:
         self._robot, self._physics = load_robot(task.robot), task.physics
         most = min(config.max_steering_rad, self._physics.max_steering_rad)
-        self._searches = [replace(config, max_steering_rad=at) for at in (most - _STEERING_RESERVE_RAD, most)]
+        # A tracker errs by a centimetre or two: a margin that forgives it goes before steering in reserve.
+        roomy = replace(config, max_steering_rad=most, margins_m=config.margins_m[:-1] or config.margins_m)
+        least = replace(config, max_steering_rad=most)
+        in_reserve = replace(roomy, max_steering_rad=most - _STEERING_RESERVE_RAD)
+        self._searches = [in_reserve, roomy, roomy.finer(), least, least.finer(), least.finest()]
 
     def reset(self, seed: int) -> None:
         """Forget the plan; the oracle leaves nothing to chance."""

@@ -246,8 +246,9 @@ def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) 
     try:
         certificate = certify(world, load_robot(arguments.robot))
     except (PlanError, WorldError) as error:
-        result["certificate"] = None
-        return f"{world.name}: not certified: {error}"
+        proven = isinstance(error, PlanError) and error.proven
+        result.update(certificate=None, proven_impassable=proven)
+        return f"{world.name}: not certified, {'proven' if proven else 'not proven impassable'}: {error}"
     result["certificate"] = str(save_certificate(certificate, arguments.certify))
     return (
         f"{world.name}: {certificate.length_m:.1f} m with {certificate.n_reversals} reversals lead out, at least "

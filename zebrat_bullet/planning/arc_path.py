@@ -62,23 +62,30 @@ class ArcPath:
         Returns:
             (M, 3) poses like `poses_world`; (M,) the number of the arc that leads to each, 0 for the first.
         """
-        poses, arcs = [self.poses_world[:1]], [np.zeros(1, dtype=np.int64)]
-        for i, (length, turn, direction) in enumerate(
-            zip(self.lengths_m, self.turns_rad, self.directions, strict=True)
-        ):
-            n = max(1, math.ceil(length / spacing_m - 1e-9))
-            poses.append(along_arc(self.poses_world[i], direction * length * np.arange(1, n + 1) / n, turn))
-            arcs.append(np.full(n, i))
-        return np.concatenate(poses), np.concatenate(arcs)
+        lengths = self.lengths_m
+        counts = np.maximum(1, np.ceil(lengths / spacing_m - 1e-9).astype(np.int64))
+        arcs = np.repeat(np.arange(len(lengths)), counts)
+        steps = np.arange(1, len(arcs) + 1) - np.repeat(counts.cumsum() - counts, counts)
+        poses = self.at(arcs, lengths[arcs] * steps / counts[arcs])
+        return np.concatenate([self.poses_world[:1], poses]), np.concatenate([np.zeros(1, dtype=np.int64), arcs])
+
+    def at(self, arcs: NDArray[np.int64], distances_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (M, 3) poses like `poses_world`, at (M,) distances from the beginnings of (M,) arcs."""
+        begin, driven = self.poses_world[arcs], self.directions[arcs] * distances_m
+        return _moved(begin, driven, (self.turns_rad / self.lengths_m)[arcs] * distances_m)
 
 
 def along_arc(pose: NDArray[np.float64], distances_m: NDArray[np.float64], turn_rad: float) -> NDArray[np.float64]:
     """Return (M, 3) poses at signed distances from a pose, along an arc that has turned by `turn_rad` at the last."""
-    turns = turn_rad * distances_m / distances_m[-1]
-    chords = distances_m * np.sinc(turns / (2.0 * math.pi))
-    headings = pose[2] + turns / 2.0
-    steps = np.column_stack([chords * np.cos(headings), chords * np.sin(headings), turns])
-    return pose + steps
+    return _moved(pose[None], distances_m, turn_rad * distances_m / distances_m[-1])
+
+
+def _moved(
+    poses: NDArray[np.float64], distances_m: NDArray[np.float64], turns_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    chords = distances_m * np.sinc(turns_rad / (2.0 * math.pi))
+    headings = poses[:, 2] + turns_rad / 2.0
+    return poses + np.column_stack([chords * np.cos(headings), chords * np.sin(headings), turns_rad])
 
 
 def axle_pose(base: Pose2, robot: RobotModel) -> NDArray[np.float64]:

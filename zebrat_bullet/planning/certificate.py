@@ -3,8 +3,12 @@
 import hashlib
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +17,32 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config import PhysicsConfig, from_json
-from zebrat_bullet.errors import PlanError, WorldError
+from zebrat_bullet.errors import ConfigError, PlanError, WorldError
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
 from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
+from zebrat_bullet.planning.no_way import proves_no_way
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
 
-_CHECK_M = 0.005
+# First samples of a path for its clearance, and how closely that is then known.
+_SAMPLE_M, _CLOSELY_M = 0.1, 1e-4
+# Tried before the margin asked for, as who drives likes room; a path with fewer reversals is taken all the same.
+_ROOMY_M = (0.03, 0.01)
+# In metres of driving: worlds are told apart by the number of reversals.
+_REVERSAL_COST = 10.0
+# With no more than these a closer look has saved none.
+_FEW = 2
 # Poses are written to a micrometre; a path may be beside its arcs, and the bound be off, by what that rounds.
+LEAST_MARGIN_M = 0.003
+"""What a certified drive keeps from the walls unless told otherwise."""
+
+# How finely the straight from axle to lidar is divided.
+_STRAIGHT_PARTS = 64
+# So many worlds wait for each process.
+_WAITING = 8
 _DIGITS = 6
 _TOLERANCE = 1e-5
 
@@ -38,14 +57,16 @@ class Certificate:
         path: (x, y, yaw) of the rear axle in m and rad, world frame, yaw continuous. Each pose is joined to the next by
             one circular arc or straight of less than half a turn.
         directions: 1 where the car drives forward to the next pose, -1 where it reverses; one fewer than poses.
-        n_reversals: changes between forward and backward.
+        n_reversals: changes between forward and backward. As few as the search found: another drive may need fewer.
         length_m: length of the path.
-        clearance_m: no point of the footprint comes nearer to a wall, anywhere on the path: the least distance over
-            samples at most 5 mm apart, less what a point of the footprint can move between them.
+        clearance_m: no point of the footprint comes nearer to a wall, anywhere on the path, between samples too. Not
+            less than the margin asked for, unless `start_clearance_m` is; then at least four tenths of that, and
+            the margin is kept from 2 m of driving on.
+        start_clearance_m: distance from the footprint to the walls where the path begins.
         shortest_m: no drive from the middle of the start range brings the lidar over the open-space line with less
-            driven by the rear axle. It bounds the way of a disc about the axle that the footprint holds; a car that
-            cannot turn on the spot needs more.
-        least_time_s: `shortest_m` at full speed.
+            driven by the rear axle, however often it reverses. It bounds the way of a disc about the axle that the
+            footprint holds; a car that cannot turn on the spot needs more, in sharp corners and U-turns most.
+        least_time_s: `shortest_m` at full speed, from the first metre on.
     """
 
     world: str
@@ -55,24 +76,30 @@ class Certificate:
     n_reversals: int
     length_m: float
     clearance_m: float
+    start_clearance_m: float
     shortest_m: float
     least_time_s: float
 
 
-def certify(world: World, robot: RobotModel, physics: PhysicsConfig | None = None) -> Certificate:
+def certify(
+    world: World, robot: RobotModel, physics: PhysicsConfig | None = None, margin_m: float = LEAST_MARGIN_M
+) -> Certificate:
     """Find a drive out of a world, from the middle of its start range.
 
+    Args:
+        world, robot: what to leave, and in what.
+        physics: limits of the commands; the defaults if None.
+        margin_m: what the drive keeps from every wall at least.
+
     Raises:
-        PlanError: the search found none, so the world may be impassable.
+        PlanError: `proven`, where no drive at all leads out; else the search found none, and there may be one.
         WorldError: the world declares no exit.
     """
     physics = physics or PhysicsConfig()
-    open_line = _open_line(world)
-    # A hair less than full lock: rounding the poses must not ask for more.
-    search = HybridAStarConfig(max_steering_rad=physics.max_steering_rad - 1e-3)
-    found = plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], search).path
+    shortest = _shortest_m(world, robot, _open_line(world))
+    found = _find(world, robot, physics, margin_m)
     path = ArcPath(found.poses_world.round(_DIGITS), found.directions)
-    shortest = _shortest_m(world, robot, open_line)
+    clearance = guaranteed_clearance_m(path, world.walls, robot)
     certificate = Certificate(
         world=world.name,
         sha256=_digest(world, robot, physics),
@@ -80,12 +107,38 @@ def certify(world: World, robot: RobotModel, physics: PhysicsConfig | None = Non
         directions=tuple(path.directions.tolist()),
         n_reversals=path.n_reversals,
         length_m=round(float(path.lengths_m.sum()), 3),
-        clearance_m=math.floor(guaranteed_clearance_m(path, world.walls, robot) * 1e4) / 1e4,
+        clearance_m=math.floor(clearance * 1e4) / 1e4,
+        start_clearance_m=_start_clearance_m(path, world, robot),
         shortest_m=round(shortest, 3),
         least_time_s=round(shortest / physics.max_speed_mps, 2),
     )
-    check_certificate(world, robot, certificate, physics)
+    _check(world, robot, certificate, physics, shortest, clearance)
     return certificate
+
+
+def certify_all(
+    worlds: Iterable[World],
+    robot: RobotModel,
+    physics: PhysicsConfig | None = None,
+    *,
+    workers: int = 2,
+    margin_m: float = LEAST_MARGIN_M,
+) -> Iterator[Certificate | PlanError | WorldError]:
+    """Yield for each world, in order, its certificate, or what `certify` raises instead.
+
+    Args:
+        worlds: taken as they are needed; there may be no end of them.
+        robot, physics, margin_m: as `certify`.
+        workers: 1 works here; more work in so many processes, which import the caller's main module again, so a script
+            needs its `if __name__ == "__main__":`.
+
+    Raises:
+        ConfigError: fewer than one worker.
+    """
+    if workers < 1:
+        raise ConfigError(f"workers must be at least 1, got {workers}")
+    task = partial(_certificate_or_refusal, robot=robot, physics=physics, margin_m=margin_m)
+    return map(task, worlds) if workers == 1 else _in_processes(task, iter(worlds), workers)
 
 
 def check_certificate(
@@ -97,39 +150,39 @@ def check_certificate(
         PlanError: it does not; the message says what is wrong.
         WorldError: the world declares no exit.
     """
-    physics = physics or PhysicsConfig()
     shortest = _shortest_m(world, robot, _open_line(world))
-    if certificate.sha256 != _digest(world, robot, physics):
-        raise PlanError(
-            f"{certificate.world}: the world, the robot or its limits are not those certified; certify anew"
-        )
-    path = ArcPath(np.array(certificate.path, float).reshape(-1, 3), np.array(certificate.directions, dtype=np.int64))
-    if len(path.poses_world) != len(path.directions) + 1 or not set(certificate.directions) <= {1, -1}:
-        raise PlanError(f"{certificate.world}: the path needs a direction, 1 or -1, from each pose to the next")
-    clearance = guaranteed_clearance_m(path, world.walls, robot)
-    most = math.tan(physics.max_steering_rad) / robot.wheelbase_m
-    for holds, what in [
-        (_in_start_range(world, robot, path.poses_world[0]), "does not begin in the start range"),
-        (path.lateral_errors_m().max(initial=0.0) < _TOLERANCE, "has poses that no arc joins"),
-        (np.abs(path.turns_rad).max(initial=0.0) < math.pi, "has an arc of half a turn or more"),
-        (np.abs(path.curvatures).max(initial=0.0) <= most, "bends more than the car can steer"),
-        (clearance > 0.0, "comes too near to a wall to be shown free"),
-        (world.past_open_line(*_lidar_xy(path.poses_world[-1], robot)), "does not bring the lidar past the open line"),
-        (certificate.n_reversals == path.n_reversals, "has another number of reversals"),
-        (abs(certificate.length_m - path.lengths_m.sum()) < 1e-3, "has another length"),
-        (0.0 <= clearance - certificate.clearance_m < 1e-3, f"has another clearance, {clearance:.4f} m"),
-        (abs(certificate.shortest_m - shortest) < 1e-3, f"has another lower bound, {shortest:.3f} m"),
-        (abs(certificate.least_time_s - shortest / physics.max_speed_mps) < 0.01, "has another least time"),
-    ]:
-        if not holds:
-            raise PlanError(f"{certificate.world}: the certified path {what}; certify the world anew")
+    _check(world, robot, certificate, physics or PhysicsConfig(), shortest)
 
 
 def guaranteed_clearance_m(path: ArcPath, walls: shapely.MultiPolygon, robot: RobotModel) -> float:
-    """Return a distance to the walls that the footprint keeps on the whole path, between samples too; else below 0."""
-    poses, _ = path.sample(_CHECK_M)
-    fastest = sweep_factor(robot, np.abs(path.curvatures).max(initial=0.0))
-    return float(clearances(poses, robot, walls).min()) - fastest * _CHECK_M / 2.0
+    """Return a distance to the walls that the footprint keeps on the whole path, between samples too; 0 for a contact.
+
+    Between two samples no point of the footprint comes nearer than half their distances less half of what it moves.
+    Samples are added where that leaves the least distance open by more than 0.1 mm.
+    """
+    _, arcs = path.sample(_SAMPLE_M)
+    begins, lengths = path.poses_world[:1], path.lengths_m
+    if not len(lengths):
+        return float(clearances(begins, robot, walls)[0])
+    arcs = arcs[1:]
+    first = np.concatenate([[True], np.diff(arcs) > 0])
+    parts = np.bincount(arcs)[arcs]
+    index = np.arange(len(arcs)) - np.maximum.accumulate(np.where(first, np.arange(len(arcs)), 0))
+    low, high = lengths[arcs] * index / parts, lengths[arcs] * (index + 1) / parts
+    sweep = np.array([sweep_factor(robot, curvature) for curvature in path.curvatures])
+    gap_low, gap_high = (clearances(path.at(arcs, at), robot, walls) for at in (low, high))
+    least, sure = min(gap_low.min(), gap_high.min()), np.inf
+    while len(arcs):
+        bound = (gap_low + gap_high - sweep[arcs] * (high - low)) / 2.0
+        open_ = bound < least - _CLOSELY_M
+        sure = min(sure, bound[~open_].min(initial=np.inf))
+        arcs, low, high, gap_low, gap_high = (x[open_] for x in (arcs, low, high, gap_low, gap_high))
+        middle = (low + high) / 2.0
+        gap = clearances(path.at(arcs, middle), robot, walls)
+        least = min(least, gap.min(initial=np.inf))
+        arcs, low, high = np.tile(arcs, 2), np.concatenate([low, middle]), np.concatenate([middle, high])
+        gap_low, gap_high = np.concatenate([gap_low, gap]), np.concatenate([gap, gap_high])
+    return max(0.0, float(min(sure, least)))
 
 
 def load_certificate(name_or_path: str) -> Certificate:
@@ -161,13 +214,135 @@ def _open_line(world: World) -> NDArray[np.float64]:
     return world.open_line
 
 
+def _find(world: World, robot: RobotModel, physics: PhysicsConfig, margin_m: float) -> ArcPath:
+    """Search with room to spare; then for a proof that it is in vain; then ever more closely."""
+    # What rounding takes: of the steering, and of the clearance.
+    margin = margin_m + 2.0 * _CLOSELY_M
+    search = HybridAStarConfig(
+        max_steering_rad=physics.max_steering_rad - 1e-3,
+        margins_m=(*(roomy for roomy in _ROOMY_M if roomy > margin), margin),
+        reversal_cost=_REVERSAL_COST,
+        save_reversals=True,
+    )
+    best = _fewer(world, robot, replace(search, margins_m=search.margins_m[:1]), None)
+    if best is None and proves_no_way(world, robot):
+        raise PlanError(
+            "no drive leads out, however often the car reverses: what is free round the start does not reach the exit; "
+            "widen the narrowest place",
+            proven=True,
+        )
+    if (best is None or best.n_reversals > 0) and search.margins_m[1:]:
+        best = _fewer(world, robot, replace(search, margins_m=search.margins_m[1:]), best)
+    if best is None or best.n_reversals > _FEW:
+        best = _fewer(world, robot, search.finer(), best)
+    return best or _plan(world, robot, search.finest())
+
+
+def _fewer(world: World, robot: RobotModel, search: HybridAStarConfig, best: ArcPath | None) -> ArcPath | None:
+    """Return the path that a search finds where it has fewer reversals than the best so far, else that one."""
+    try:
+        path = _plan(world, robot, search)
+    except PlanError as error:
+        if error.proven:
+            raise
+        return best
+    return path if best is None or path.n_reversals < best.n_reversals else best
+
+
+def _plan(world: World, robot: RobotModel, search: HybridAStarConfig) -> ArcPath:
+    return plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], search).path
+
+
+def _certificate_or_refusal(
+    world: World, robot: RobotModel, physics: PhysicsConfig | None, margin_m: float
+) -> Certificate | PlanError | WorldError:
+    try:
+        return certify(world, robot, physics, margin_m)
+    except (PlanError, WorldError) as refusal:
+        return refusal
+
+
+def _in_processes(
+    task: Callable[[World], Certificate | PlanError | WorldError], worlds: Iterator[World], workers: int
+) -> Iterator[Certificate | PlanError | WorldError]:
+    """Yield the answers in order; a consumer that stops early stops the processes too."""
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        waiting: deque[Future[Certificate | PlanError | WorldError]] = deque()
+        try:
+            for world in worlds:
+                waiting.append(pool.submit(task, world))
+                if len(waiting) > workers * _WAITING:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _check(
+    world: World,
+    robot: RobotModel,
+    certificate: Certificate,
+    physics: PhysicsConfig,
+    shortest: float,
+    clearance: float | None = None,
+) -> None:
+    """Check a certificate; its path's clearance is measured unless it is given."""
+    if certificate.sha256 != _digest(world, robot, physics):
+        raise PlanError(
+            f"{certificate.world}: the world, the robot or its limits are not those certified; certify anew"
+        )
+    path = ArcPath(np.array(certificate.path, float).reshape(-1, 3), np.array(certificate.directions, dtype=np.int64))
+    if len(path.poses_world) != len(path.directions) + 1 or not set(certificate.directions) <= {1, -1}:
+        raise PlanError(f"{certificate.world}: the path needs a direction, 1 or -1, from each pose to the next")
+    if clearance is None:
+        clearance = guaranteed_clearance_m(path, world.walls, robot)
+    start_clearance = _start_clearance_m(path, world, robot)
+    most = math.tan(physics.max_steering_rad) / robot.wheelbase_m
+    for holds, what in [
+        (_in_start_range(world, robot, path.poses_world[0]), "does not begin in the start range"),
+        (path.lateral_errors_m().max(initial=0.0) < _TOLERANCE, "has poses that no arc joins"),
+        (np.abs(path.turns_rad).max(initial=0.0) < math.pi, "has an arc of half a turn or more"),
+        (np.abs(path.curvatures).max(initial=0.0) <= most, "bends more than the car can steer"),
+        (clearance > 0.0, "comes too near to a wall to be shown free"),
+        (world.past_open_line(*_lidar_xy(path.poses_world[-1], robot)), "does not bring the lidar past the open line"),
+        (certificate.n_reversals == path.n_reversals, "has another number of reversals"),
+        (abs(certificate.length_m - path.lengths_m.sum()) < 1e-3, "has another length"),
+        (0.0 <= clearance - certificate.clearance_m < 1e-3, f"has another clearance, {clearance:.4f} m"),
+        (abs(certificate.start_clearance_m - start_clearance) < 1e-3, "has another clearance where it starts"),
+        (abs(certificate.shortest_m - shortest) < 1e-3, f"has another lower bound, {shortest:.3f} m"),
+        (abs(certificate.least_time_s - shortest / physics.max_speed_mps) < 0.01, "has another least time"),
+    ]:
+        if not holds:
+            raise PlanError(f"{certificate.world}: the certified path {what}; certify the world anew")
+
+
+def _start_clearance_m(path: ArcPath, world: World, robot: RobotModel) -> float:
+    return math.floor(float(clearances(path.poses_world[:1], robot, world.walls)[0]) * 1e4) / 1e4
+
+
 def _shortest_m(world: World, robot: RobotModel, open_line: NDArray[np.float64]) -> float:
-    """Return a lower bound for how far the rear axle must drive before the lidar is over the line."""
+    """Return a lower bound for how far the rear axle must drive before the lidar is over the line.
+
+    The footprint holds a disc about the axle, and about every point of the straight from the axle towards the lidar as
+    far as that lies deep enough inside. The axle's way and this straight together are a way of that disc, however often
+    the car reverses; it ends short of the line by the rest of the straight, and so crosses the line drawn that much
+    nearer.
+    """
     lidar, axle = robot.lidar_xyz_base[:2], np.array([robot.rear_axle_x_m, 0.0])
-    # The axle's way and then the straight to the lidar together lead to the line, and keep this far from the walls.
-    radius = min(inscribed_radius_m(robot.footprint_base, point) for point in (lidar, axle))
-    to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], open_line, radius)
-    return max(0.0, to_line - math.dist(lidar, axle))
+    radius = inscribed_radius_m(robot.footprint_base, axle)
+    part = next(
+        part
+        for part in np.linspace(1.0, 0.0, _STRAIGHT_PARTS + 1)
+        if inscribed_radius_m(robot.footprint_base, axle + part * (lidar - axle)) >= radius - 1e-9
+    )
+    straight = math.dist(lidar, axle)
+    along = (open_line[1] - open_line[0]) / math.dist(*open_line)
+    # The way out is to the right of the line. Its ends stand at walls; drawn nearer, it may have further to go to them.
+    nearer = open_line + (1.0 - part) * straight * np.array([-along[1], along[0]])
+    nearer = nearer + np.outer([-1.0, 1.0], radius * along)
+    to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], nearer, radius)
+    return max(0.0, to_line - part * straight)
 
 
 def _in_start_range(world: World, robot: RobotModel, axle: Sequence[float] | NDArray[np.float64]) -> bool:

@@ -30,8 +30,11 @@ def shortest_length_m(
     grown = walls.buffer(radius_m, quad_segs=4)
     seen_through = walls.buffer(radius_m - _HAIR_M, quad_segs=4)
     shapely.prepare(seen_through)
-    points = np.vstack([start_xy, _convex_corners(grown)])
+    corners, before, after = _convex_corners(grown)
+    points = np.vstack([start_xy, corners])
     i, j = np.triu_indices(len(points), k=1)
+    taut = _touches_only(points, before, after, i, j) & _touches_only(points, before, after, j, i)
+    i, j = i[taut], j[taut]
     sights = shapely.linestrings(np.stack([points[i], points[j]], axis=1))
     open_ = ~shapely.intersects(seen_through, sights)
     lengths = sparse.coo_matrix((shapely.length(sights[open_]), (i[open_], j[open_])), shape=(len(points), len(points)))
@@ -39,16 +42,44 @@ def shortest_length_m(
     target = shapely.LineString(line).difference(seen_through)
     if target.is_empty:
         return np.inf
-    last = shapely.shortest_line(shapely.points(points), target)
-    visible = ~shapely.crosses(seen_through, last)
-    return float(np.min(to_corner + shapely.length(last), where=visible, initial=np.inf))
+    shortest = np.inf
+    for part in shapely.get_parts(target):  # each for itself: a way may end on one that is not the nearest
+        last = shapely.shortest_line(shapely.points(points), part)
+        visible = ~shapely.crosses(seen_through, last)
+        shortest = float(np.min(to_corner + shapely.length(last), where=visible, initial=shortest))
+    return shortest
 
 
-def _convex_corners(shape: shapely.Geometry) -> NDArray[np.float64]:
-    """Return the (C, 2) vertices at which the outlines bulge outwards."""
-    corners = [np.empty((0, 2))]
+def _convex_corners(shape: shapely.Geometry) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (C, 2) vertices at which the outlines bulge outwards, and the (C, 2) sides before and after each."""
+    corners = [np.empty((3, 0, 2))]
     for ring in shapely.get_rings(shapely.orient_polygons(shapely.get_parts(shape))):
         points = shapely.get_coordinates(ring)[:-1]
         before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
-        corners.append(points[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0.0])
-    return np.concatenate(corners)
+        convex = _cross(before, after) > 0.0
+        corners.append(np.stack([points[convex], before[convex], after[convex]]))
+    points, before, after = np.concatenate(corners, axis=1)
+    return points, before, after
+
+
+def _touches_only(
+    points: NDArray[np.float64],
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+    here: NDArray[np.intp],
+    there: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Return which (P,) straights from corner `here`, prolonged, do not enter its wall: only these a taut string uses.
+
+    The start, point 0, has no wall.
+    """
+    sight, at = points[there] - points[here], np.maximum(here, 1) - 1
+    hair = _HAIR_M * np.hypot(*sight.T)
+    # A line supports a convex corner where both of its sides turn to the same side of the line.
+    left = (_cross(before[at], sight) >= -hair) & (_cross(after[at], sight) <= hair)
+    right = (_cross(before[at], sight) <= hair) & (_cross(after[at], sight) >= -hair)
+    return (here == 0) | left | right
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
