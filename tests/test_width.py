@@ -54,7 +54,7 @@ def test_where_there_is_room_the_start_range_is_the_usual_one() -> None:
 
 
 def test_a_passage_narrower_than_the_car_or_of_no_known_shape_is_refused() -> None:
-    with pytest.raises(WorldError, match="wide and the car"):
+    with pytest.raises(WorldError, match="make it wider than"):
         passage("straight", 0.55)
     with pytest.raises(
         ConfigError, match=r"no passage 'straight' with the sense 'right'; there are straight \(left\), 45"

@@ -61,9 +61,7 @@ def add(command: AddCommand) -> None:
         nargs="+",
         help="as of `zebrat evaluate`; what --out holds already is kept and drawn too",
     )
-    made.add_argument(
-        "--shapes", nargs="+", default=["straight", "45", "90", "180"], metavar="SHAPE", help="(default: all)"
-    )
+    made.add_argument("--shapes", nargs="+", default=["straight", "45", "90", "180"], help="(default: all)")
     made.add_argument("--least-m", type=float, default=0.8, help="narrowest passage (default 0.8)")
     made.add_argument("--most-m", type=float, default=1.6, help="widest passage (default 1.6)")
     made.add_argument("--step-m", type=float, default=0.025, help="from width to width (default 0.025)")

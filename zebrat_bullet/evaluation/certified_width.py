@@ -23,7 +23,7 @@ class CertifiedRow:
         robot: the car.
         shape, width_m: the passage.
         certified: 1 where it found a drive.
-        proven: 1 where it found none and knows that there is none on its grid of poses.
+        proven: 1 where it found none and proves that there is none.
         reversals, clearance_m: of the drive; 0 where there is none.
         wall_s: what the search took.
     """
@@ -78,7 +78,7 @@ def certify_widths(
 def read_certified(folder: Path) -> list[CertifiedRow]:
     """Return the rows of a folder's table of certificates."""
     return [
-        CertifiedRow(**{f.name: f.type(row[f.name]) for f in fields(CertifiedRow)})  # type: ignore[operator,arg-type]
+        CertifiedRow(**{f.name: f.type(row[f.name]) for f in fields(CertifiedRow)})  # type: ignore[operator]
         for row in CsvLog(folder / "certified.csv", COLUMNS).rows()
     ]
 
@@ -108,7 +108,7 @@ def _certified(task: TaskConfig, shape: str, width_m: float) -> CertifiedRow:
         found = certify(passage(shape, width_m, robot=robot), robot, task.physics)
         certified, reversals, clearance_m = 1, found.n_reversals, found.clearance_m
     except PlanError as error:
-        proven = int(getattr(error, "proven", False))
+        proven = int(error.proven)
     return CertifiedRow(
         robot=task.robot,
         shape=shape,

@@ -97,7 +97,8 @@ def planar_endings(
 
     trial = drive_out(drive, act, where, poses, on_end)
     shape = (len(worlds), episodes)
-    return Endings(trial.outcome.reshape(shape), (trial.n_steps * task.physics.control_step_s).reshape(shape))
+    time_s = trial.n_steps.astype(np.float64) * task.physics.control_step_s
+    return Endings(trial.outcome.reshape(shape), time_s.reshape(shape))
 
 
 def bullet_endings(

@@ -121,7 +121,7 @@ def run_study(
             doing, n_done = f"{name}, {shape} {sense}", len(rows) - len(missing)
             on_rows(doing, n_done, len(rows))
             for i, endings in _drive(study, name, agent, [worlds[shape, sense, row.width_m] for row in missing]):
-                log.append(asdict(replace(missing[i], **endings.causes())))
+                log.append(asdict(missing[i]) | endings.causes())
                 n_done += 1
                 on_rows(doing, n_done, len(rows))
     return read_table(folder)
@@ -130,7 +130,7 @@ def run_study(
 def read_table(folder: Path) -> list[WidthRow]:
     """Return the rows of a folder's table; of those that were driven again, the last."""
     rows = [
-        WidthRow(**{f.name: f.type(row[f.name]) for f in fields(WidthRow)})  # type: ignore[operator,arg-type]
+        WidthRow(**{f.name: f.type(row[f.name]) for f in fields(WidthRow)})  # type: ignore[operator]
         for row in CsvLog(folder / "width.csv", COLUMNS).rows()
     ]
     return list({_key(row): row for row in rows}.values())

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -77,7 +76,7 @@ def width_table(summary: Mapping[str, Any]) -> str:
 def draw_width(summary: Mapping[str, Any], path: Path) -> None:
     """Draw success against width, a panel a shape, and below the least widths side by side (PNG, SVG or PDF)."""
     agents = summary["agents"]
-    colours = dict(zip(agents, matplotlib.colormaps["tab10"].colors * (1 + len(agents) // 10), strict=False))
+    colours = {label: f"C{i}" for i, label in enumerate(agents)}
     figure = Figure(figsize=(13.0, 5.4 + 0.28 * len(agents)), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, len(SHAPES), height_ratios=[3.2, 1.2 + 0.28 * len(agents)])
@@ -103,9 +102,10 @@ def _draw_shape(axes: Axes, summary: Mapping[str, Any], shape: str, colours: Map
     axes.axhline(MASTERED, color="#bbbbbb", linewidth=0.8, zorder=0)
     axes.set(title=_TITLES[shape], xlabel="width of the passage, m", ylim=(-0.03, 1.03))
     axes.spines[["top", "right"]].set_visible(False)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, fontsize=7, loc="lower right")
     if first:
         axes.set_ylabel("success, both senses, 95 % interval")
-        axes.legend(frameon=False, fontsize=7, loc="lower right")
 
 
 def _draw_least(axes: Axes, summary: Mapping[str, Any], colours: Mapping[str, Any]) -> None:

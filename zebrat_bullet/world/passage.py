@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.load import default_robot
@@ -40,12 +40,18 @@ def passage(shape: str, width_m: float, sense: str = "left", robot: RobotModel |
 
     Raises:
         ConfigError: no such shape or sense.
-        WorldError: the passage is not wider than the car.
+        WorldError: the passage is hardly wider than the car.
     """
     if shape not in SHAPES or sense not in senses(shape):
         known = ", ".join(f"{name} ({' or '.join(senses(name))})" for name in SHAPES)
         raise ConfigError(f"no passage {shape!r} with the sense {sense!r}; there are {known}")
     robot = robot or default_robot()
+    car_width = float(np.ptp(robot.footprint_base[:, 1]))
+    if width_m <= car_width + 2 * _START_GAP_M:
+        raise WorldError(
+            f"a passage {width_m:.3f} m wide leaves no room to begin to a car of {car_width:.3f} m; "
+            f"make it wider than {car_width + 2 * _START_GAP_M:.3f} m"
+        )
     share = _start_share(width_m, robot.footprint_base)
     name = f"{shape}-{sense}-{width_m:.3f}"
     spec = WorldSpec(
@@ -70,7 +76,7 @@ def _segments(shape: str, width: float, side: float) -> list[Straight | Turn]:
         return [Straight(straight=_BEFORE_M + _BEHIND_M, width=width)]
     turn = Turn(turn=side * min(float(shape), 90.0), width=width)
     taken = corner_extent(turn, width)
-    between = [Straight(straight=width + U_WALL_M, width=width), turn] if shape == "180" else []
+    between: list[Straight | Turn] = [Straight(straight=width + U_WALL_M, width=width), turn] if shape == "180" else []
     return [
         Straight(straight=_BEFORE_M + taken, width=width),
         turn,
