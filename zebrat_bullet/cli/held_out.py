@@ -3,7 +3,10 @@
 import argparse
 import json
 import os
+from functools import partial
 from pathlib import Path
+
+from rich.progress import TaskID
 
 from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, file_name, progress_bar, task_of
 from zebrat_bullet.errors import ConfigError
@@ -54,14 +57,14 @@ def _make(arguments: argparse.Namespace) -> Result:
     result: dict[str, object] = {}
     missing: list[str] = []
     with progress_bar(arguments) as bar:
+
+        def on_candidate(shown: TaskID, name: str, found: int, tried: int) -> None:
+            bar.update(shown, completed=found, description=f"{name}, {tried} tried")
+
         for recipe in recipes:
             shown = bar.add_task(recipe.name, total=recipe.n_tracks)
-
-            def on_candidate(found: int, tried: int, shown: int = shown, name: str = recipe.name) -> None:
-                bar.update(shown, completed=found, description=f"{name}, {tried} tried")
-
             try:
-                made, path = make_set(recipe, out, on_candidate)
+                made, path = make_set(recipe, out, partial(on_candidate, shown, recipe.name))
             except ConfigError as error:  # the others may come off
                 missing.append(str(error))
                 continue
