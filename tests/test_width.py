@@ -155,6 +155,7 @@ def test_the_interval_over_tracks_is_wider_where_episodes_of_a_track_end_alike()
     assert tracks_interval(alike, 8) == pytest.approx(wilson_interval(90, 100), abs=0.002)
     assert tracks_interval(mixed, 8) == pytest.approx(wilson_interval(720, 800), abs=0.002)
     assert tracks_interval(np.full(100, 8), 8) == wilson_interval(100, 100)
+    assert tracks_interval(np.array([4]), 8) == wilson_interval(0.5, 1)
 
 
 def test_planar_cars_are_refused_to_whoever_is_no_policy() -> None:

@@ -52,7 +52,7 @@ def tracks_interval(by_track: NDArray[np.integer], starts: int) -> tuple[float, 
 
     Episodes of one track end alike, so they say less than as many episodes of different tracks: it is the Wilson
     interval of as many independent episodes as would scatter like the tracks do (Kish's effective sample size), and of
-    one a track where all succeed or none.
+    one a track where all succeed or none, or there is but one track.
 
     Args:
         by_track: (tracks,) successes of each.
@@ -60,9 +60,10 @@ def tracks_interval(by_track: NDArray[np.integer], starts: int) -> tuple[float, 
     """
     shares = by_track / starts
     mean, n = float(shares.mean()), len(shares)
-    scatter = float(shares.var(ddof=1)) / n if n > 1 else 0.0
-    effective = mean * (1 - mean) / scatter if scatter > 0 else n * (1 if mean in (0.0, 1.0) else starts)
-    effective = min(effective, n * starts)
+    if n == 1 or mean in (0.0, 1.0):
+        return wilson_interval(mean * n, n)
+    scatter = float(shares.var(ddof=1)) / n
+    effective = min(mean * (1 - mean) / scatter, n * starts) if scatter > 0 else n * starts
     return wilson_interval(mean * effective, effective)
 
 

@@ -98,12 +98,10 @@ def _draw_shape(axes: Axes, summary: Mapping[str, Any], shape: str, colours: Map
             widths = np.array(list(success), dtype=float)
             mean, low, high = np.array(list(success.values())).T
             axes.fill_between(widths, low, high, color=colours[label], alpha=0.15, linewidth=0)
-            axes.plot(widths, mean, "o-", markersize=2.5, linewidth=1.4, color=colours[label], label=label)
+            axes.plot(widths, mean, "o-", markersize=2.5, linewidth=1.4, color=colours[label])
     axes.axhline(MASTERED, color="#bbbbbb", linewidth=0.8, zorder=0)
     axes.set(title=_TITLES[shape], xlabel="width of the passage, m", ylim=(-0.03, 1.03))
     axes.spines[["top", "right"]].set_visible(False)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False, fontsize=7, loc="lower right")
     if first:
         axes.set_ylabel("success, both senses, 95 % interval")
 
@@ -122,6 +120,8 @@ def _draw_least(axes: Axes, summary: Mapping[str, Any], colours: Mapping[str, An
             if at is not None:
                 axes.plot(at, -i + 0.18 * (1.5 - j), _MARKERS[shape], color=colour, markersize=6)
     axes.set_yticks([-i for i in range(len(lines))], [label for label, *_ in lines], fontsize=8)
+    for text, (_, colour, _) in zip(axes.get_yticklabels(), lines, strict=True):
+        text.set_color(colour)
     for shape, marker in _MARKERS.items():
         axes.plot([], [], marker, color="#555555", label=_TITLES[shape])
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
