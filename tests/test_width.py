@@ -146,6 +146,9 @@ def test_table_and_figure_show_agents_beside_the_bounds(tmp_path: Path) -> None:
         "| a drive is certified | - | - | 0.950 | - |" in table
         and "| a planar, 95% success | - | - | 1.100 | - |" in table
     )
+    part = [replace(row(width, 100), agent="b") for width in (0.9, 1.0)]
+    both = width_table(summarise([row(1.0, 50), row(1.2, 100), *part], certified, TASK))
+    assert "| b planar, 95% success | - | - | at most 0.900 (driven to 1.000) | - |" in both
     draw_width(summary, tmp_path / "width.png")
     assert (tmp_path / "width.png").stat().st_size > 10_000
 

@@ -32,7 +32,7 @@ def summarise(rows: Sequence[WidthRow], certified: Sequence[CertifiedRow], task:
         `bounds` by shape: `rigid_m` and `one_sweep_m` (`evaluation.swept_width`), `certified_m` and `not_certified_m`
         (the least certified width, and the widest below it for which no drive was found; None where none was asked
         for). `agents` by label and shape: `mastered_m` (None where not even the widest is), `widths` (how many were
-        driven, and the least of them), `success` by width with its 95 % interval.
+        driven, `least_driven_m` and `widest_driven_m` of them), `success` by width with its 95 % interval.
     """
     robot = load_robot(task.robot)
     bounds = {}
@@ -55,20 +55,23 @@ def summarise(rows: Sequence[WidthRow], certified: Sequence[CertifiedRow], task:
                     "mastered_m": mastered_m(driven),
                     "widths": len(success),
                     "least_driven_m": min(success),
+                    "widest_driven_m": max(success),
                     "success": {f"{width:.3f}": values for width, values in success.items()},
                 }
     return {"car_width_m": float(np.ptp(robot.footprint_base[:, 1])), "bounds": bounds, "agents": agents}
 
 
 def width_table(summary: Mapping[str, Any]) -> str:
-    """Return a row an agent and a bound, a column a shape, widths in m."""
+    """Return a row an agent and a bound, a column a shape, widths in m; says where an agent drove only part of them."""
     rows = [f"| least width, m | {' | '.join(_TITLES[shape] for shape in SHAPES)} |", "|---" * (len(SHAPES) + 1) + "|"]
     bounds = summary["bounds"]
     for name, (label, *_) in _BOUNDS.items():
         cells = [_bound(bounds[shape], name) for shape in SHAPES]
         rows.append(f"| {label} | {' | '.join(cells)} |")
-    for label, shapes in summary["agents"].items():
-        cells = ["-" if shape not in shapes else _mastered(shapes[shape]) for shape in SHAPES]
+    agents = summary["agents"]
+    widest = max((at["widest_driven_m"] for shapes in agents.values() for at in shapes.values()), default=0.0)
+    for label, shapes in agents.items():
+        cells = ["-" if shape not in shapes else _mastered(shapes[shape], widest) for shape in SHAPES]
         rows.append(f"| {label}, {MASTERED:.0%} success | {' | '.join(cells)} |")
     return "\n".join(rows)
 
@@ -151,8 +154,10 @@ def _bound(at: Mapping[str, float | None], name: str) -> str:
     return ("at most " if narrowest else "") + f"{at[name]:.3f}"
 
 
-def _mastered(at: Mapping[str, Any]) -> str:
+def _mastered(at: Mapping[str, Any], widest: float) -> str:
     least = at["mastered_m"]
     if least is None:
         return "none"
-    return ("at most " if least == at["least_driven_m"] else "") + f"{least:.3f}"
+    below = "at most " if least == at["least_driven_m"] else ""
+    above = f" (driven to {at['widest_driven_m']:.3f})" if at["widest_driven_m"] < widest else ""
+    return f"{below}{least:.3f}{above}"
