@@ -15,12 +15,13 @@ import pytest
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_reward
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.report.learning import learning_table, write_report
 from zebrat_bullet.report.learning_curves import at_grid, progress, training_curve
 from zebrat_bullet.report.learning_figures import draw_curves
 from zebrat_bullet.report.learning_runs import read_groups, reward_name
 from zebrat_bullet.report.learning_stats import estimates, iqm, reward_trap, summarise_group, summarise_run
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
 from zebrat_bullet.training.presets import paper_config
 from zebrat_bullet.training.run import train
 from zebrat_bullet.training.run_folder import summarise

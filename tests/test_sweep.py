@@ -16,7 +16,7 @@ import pytest
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
-from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.training.presets import TRAIN_PRESETS
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig

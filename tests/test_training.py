@@ -24,12 +24,13 @@ from zebrat_bullet.config import (
 )
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train

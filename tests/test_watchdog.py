@@ -12,11 +12,11 @@ import pytest
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.collapses import COLLAPSES, WatchdogConfig
-from zebrat_bullet.training.logs import CsvLog
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Watchdog
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import World, load_world

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
+from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PlanError, WorldError
 
@@ -35,8 +35,12 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.report.tables import comparison_table
 
+    if arguments.generated and arguments.set:
+        raise ConfigError("--generated and --set both say what to drive; give one")
     if arguments.generated:
-        return _evaluate_generated(arguments)
+        return evaluate_generated(arguments)
+    if arguments.set:
+        return evaluate_set(arguments)
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
         out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
@@ -51,29 +55,6 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
-
-
-def _evaluate_generated(arguments: argparse.Namespace) -> Result:
-    """Judge one agent on generated tracks that were never trained on, with planar cars."""
-    from zebrat_bullet.evaluation.generated import judge_generated
-    from zebrat_bullet.world import HELD_OUT_SEED
-
-    if len(arguments.agent) != 1:
-        raise ConfigError("--generated judges one agent at a time; name one")
-    (agent,) = arguments.agent
-    out = arguments.out or Path("results") / f"generated-{file_name(agent)}"
-    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
-    workers = arguments.workers or len(os.sched_getaffinity(0))
-    task, noise = task_of(arguments), arguments.action_noise
-    score = judge_generated(agent, seeds, arguments.episodes, task, action_noise=noise, workers=workers)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "generated.json").write_text(json.dumps(score.as_dict()))
-    low, high = score.success_ci
-    text = (
-        f"{score.tracks} tracks x {score.starts} starts: {score.success:.2%} ({low:.2%}-{high:.2%}), worst tenth of "
-        f"the tracks {score.worst_tenth:.1%}; {', '.join(f'{n} {name}' for name, n in score.causes.items() if n)}"
-    )
-    return {name: value for name, value in score.as_dict().items() if name != "by_track"}, f"{text}\n{out}"
 
 
 def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tuple[dict[str, Score], str]":
@@ -291,6 +272,16 @@ def add(command: AddCommand) -> None:
         metavar="N",
         help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
     )
+    made.add_argument(
+        "--set", metavar="NAME", help="instead: a held-out set (`zebrat sets` lists them), --episodes in each track"
+    )
+    made.add_argument(
+        "--sim",
+        choices=("planar", "bullet"),
+        default="planar",
+        help="where --set is driven: policies on planar cars (default), any agent in PyBullet",
+    )
+    made.add_argument("--tracks", type=int, help="only so many of --set, drawn from --seed (default: all)")
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
     made.add_argument("--workers", type=int, help="processes (default: one a core)")

@@ -1,35 +1,32 @@
-"""How a policy does on generated tracks that nobody has trained on, by the thousand, on planar cars."""
+"""How an agent does on many tracks of a kind: success over all of them, and over the worst tenth."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import bootstrap
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.errors import ConfigError, PolicyError
-from zebrat_bullet.evaluation.metrics import wilson_interval
-from zebrat_bullet.evaluation.planar_policy import cars_for
-from zebrat_bullet.planar.drive import N_STARTS
-from zebrat_bullet.planar.trial import Trial, drive_out
+from zebrat_bullet.evaluation.endings import Endings, as_policy, planar_endings
+from zebrat_bullet.evaluation.metrics import tracks_interval
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.task.episode import OUTCOMES, Outcome
 from zebrat_bullet.world import generate_tracks
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeneratedScore:
-    """How a policy did on generated tracks.
+class TracksScore:
+    """How an agent did on many tracks.
 
     Attributes:
         tracks, starts: so many tracks, so many episodes in each.
-        success, success_ci: share of the episodes, and its 95 % Wilson interval.
-        worst_tenth: success on the tenth of the tracks where it is lowest.
+        success, success_ci: share of the episodes, and its 95 % interval over all such tracks (`tracks_interval`).
+        worst_tenth, worst_tenth_ci: success on the tenth of the tracks where it is lowest, and its 95 % percentile
+            bootstrap interval over tracks.
         causes: episodes by outcome.
         time_s: mean simulated time of the successes; None when nothing succeeded.
-        by_track: (tracks,) successes of each, in the order of the seeds.
+        by_track: (tracks,) successes of each.
     """
 
     tracks: int
@@ -37,6 +34,7 @@ class GeneratedScore:
     success: float
     success_ci: tuple[float, float]
     worst_tenth: float
+    worst_tenth_ci: tuple[float, float]
     causes: dict[str, int]
     time_s: float | None
     by_track: tuple[int, ...]
@@ -48,53 +46,49 @@ class GeneratedScore:
 
 def judge_generated(
     agent: str, seeds: Sequence[int], starts: int, task: TaskConfig, *, action_noise: float = 0.0, workers: int = 1
-) -> GeneratedScore:
-    """Drive a policy out of one generated track for each seed, several times.
+) -> TracksScore:
+    """Drive a policy out of one generated track for each seed, several times, on planar cars.
 
     Args:
         agent: a policy's name, file or run folder.
         seeds: of the tracks.
-        starts: episodes in each, at most `N_STARTS`.
-        task: the task, which says where they begin; it shows what the policy observes.
-        action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        starts, task, action_noise: as `planar_endings`.
         workers: processes that draw the tracks.
 
     Raises:
         ConfigError: there are no seeds or starts, or the policy observes what this car does not.
         PolicyError: the agent is no policy.
     """
-    if not seeds or not 1 <= starts <= N_STARTS:
-        raise ConfigError(f"name at least 1 track and 1 to {N_STARTS} starts, got {len(seeds)} and {starts}")
-    policy = load_agent(agent, task)
-    if not isinstance(policy, PolicyAgent):
-        raise PolicyError(f"planar cars are driven by trained policies, {agent!r} is none; use --worlds for it")
+    policy = as_policy(load_agent(agent, task), agent)
     worlds = list(generate_tracks(seeds, robot=load_robot(task.robot), workers=workers))
-    drive = cars_for(policy, task, worlds, len(seeds) * starts)
-    where = np.repeat(np.arange(len(seeds), dtype=np.int32), starts)
-    poses = drive.starts[where, np.tile(np.arange(starts), len(seeds))]
-    rng = np.random.default_rng(0)
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        actions = policy.action(observations)
-        if action_noise == 0.0:
-            return actions
-        return actions + rng.normal(0.0, action_noise, actions.shape).astype(np.float32)
-
-    return _score(drive_out(drive, act, where, poses), len(seeds), starts, task)
+    return tracks_score(planar_endings(policy, task, worlds, starts, action_noise=action_noise))
 
 
-def _score(trial: Trial, tracks: int, starts: int, task: TaskConfig) -> GeneratedScore:
-    success = trial.outcome == Outcome.SUCCESS.code
-    by_track = success.reshape(tracks, starts).sum(axis=1)
-    worst = np.sort(by_track)[: max(tracks // 10, 1)]
-    step_s = task.physics.control_step_s
-    return GeneratedScore(
+def tracks_score(endings: Endings) -> TracksScore:
+    """Summarise the episodes in some tracks."""
+    success = endings.success
+    tracks, starts = success.shape
+    by_track = success.sum(axis=1)
+    return TracksScore(
         tracks=tracks,
         starts=starts,
         success=float(success.mean()),
-        success_ci=wilson_interval(int(success.sum()), len(success)),
-        worst_tenth=float(worst.mean() / starts),
-        causes={str(each): int((trial.outcome == each.code).sum()) for each in OUTCOMES},
-        time_s=float(trial.n_steps[success].mean()) * step_s if success.any() else None,
+        success_ci=tracks_interval(by_track, starts),
+        worst_tenth=float(_worst_tenth(by_track) / starts),
+        worst_tenth_ci=_worst_tenth_interval(by_track, starts),
+        causes=endings.causes(),
+        time_s=float(endings.time_s[success].mean()) if success.any() else None,
         by_track=tuple(by_track.tolist()),
     )
+
+
+def _worst_tenth(by_track: NDArray, axis: int = -1) -> NDArray:
+    n = max(by_track.shape[axis] // 10, 1)
+    return np.sort(by_track, axis=axis).take(range(n), axis=axis).mean(axis=axis)
+
+
+def _worst_tenth_interval(by_track: NDArray, starts: int) -> tuple[float, float]:
+    if len(by_track) < 2:
+        return 0.0, 1.0
+    found = bootstrap((by_track,), _worst_tenth, n_resamples=2000, method="percentile", rng=0).confidence_interval
+    return float(found.low) / starts, float(found.high) / starts

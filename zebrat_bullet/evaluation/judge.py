@@ -10,9 +10,8 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
-from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
-from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
 
 CHUNK = 5
@@ -85,13 +84,9 @@ def record_path(folder: Path, world: str, episode: int) -> Path:
 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
-    agent = load_agent(what.agent, what.task, what.action_noise)
-    drive = Drive(what.task, load_world(world))
     records = []
-    for episode in episodes:
-        record = run_episode(drive, agent, what.seed, episode)
+    for record in drive_episodes(what.agent, what.task, load_world(world), what.seed, episodes, what.action_noise):
         if what.records is not None:
-            save_record(record, record_path(what.records, world, episode))
+            save_record(record, record_path(what.records, world, record.episode))
         records.append(record)
-    drive.close()
     return world, records

@@ -1,9 +1,12 @@
 """Rates, intervals and times from episode records."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from scipy.stats import binomtest
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from zebrat_bullet.evaluation.records import EpisodeRecord
 
@@ -36,10 +39,32 @@ class Score:
         return asdict(self)
 
 
-def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
-    """Return the 95 % Wilson score interval of a rate."""
-    interval = binomtest(successes, episodes).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
+def wilson_interval(successes: float, episodes: float) -> tuple[float, float]:
+    """Return the 95 % Wilson score interval of a rate; neither number need be whole."""
+    z, share = float(norm.ppf(0.975)), successes / episodes
+    middle = (share + z**2 / (2 * episodes)) / (1 + z**2 / episodes)
+    half = z / (1 + z**2 / episodes) * math.sqrt(share * (1 - share) / episodes + z**2 / (4 * episodes**2))
+    return (middle - half if share > 0 else 0.0), (middle + half if share < 1 else 1.0)
+
+
+def tracks_interval(by_track: NDArray[np.integer], starts: int) -> tuple[float, float]:
+    """Return the 95 % interval of success over all tracks of a kind, from a sample with some episodes in each.
+
+    Episodes of one track end alike, so they say less than as many episodes of different tracks: it is the Wilson
+    interval of as many independent episodes as would scatter like the tracks do (Kish's effective sample size), and of
+    one a track where all succeed or none, or there is but one track.
+
+    Args:
+        by_track: (tracks,) successes of each.
+        starts: episodes of each.
+    """
+    shares = by_track / starts
+    mean, n = float(shares.mean()), len(shares)
+    if n == 1 or mean in (0.0, 1.0):
+        return wilson_interval(mean * n, n)
+    scatter = float(shares.var(ddof=1)) / n
+    effective = min(mean * (1 - mean) / scatter, n * starts) if scatter > 0 else n * starts
+    return wilson_interval(mean * effective, effective)
 
 
 def score(records: Sequence[EpisodeRecord]) -> Score:

@@ -1,12 +1,13 @@
 """Drives one episode with any agent and records it; the same for the judge, the replay and the video."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from zebrat_bullet.agents import PRIVILEGES, Agent
-from zebrat_bullet.config import to_json
+from zebrat_bullet.agents import PRIVILEGES, Agent, load_agent
+from zebrat_bullet.config import TaskConfig, to_json
 from zebrat_bullet.errors import ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.task.drive import Drive, DriveStep
@@ -52,6 +53,29 @@ def run_episode(
         readings.append(reading)
         states.append(drive.state)
     return _record(drive, agent, seed, episode, readings, states, commands, steps)
+
+
+def drive_episodes(
+    agent: str, task: TaskConfig, world: World, seed: int, episodes: Sequence[int], action_noise: float = 0.0
+) -> Iterator[EpisodeRecord]:
+    """Drive some episodes of an agent in one world in PyBullet, one after the other.
+
+    Args:
+        agent: its name, policy file or run folder.
+        task, world: what it drives in.
+        seed, episodes: which episodes.
+        action_noise: Gaussian noise on the commands, as a fraction of the limits.
+
+    Raises:
+        ZebratError: the agent cannot be loaded, or as `run_episode`.
+    """
+    driver = load_agent(agent, task, action_noise)
+    drive = Drive(task, world)
+    try:
+        for episode in episodes:
+            yield run_episode(drive, driver, seed, episode)
+    finally:
+        drive.close()
 
 
 class _Commands:

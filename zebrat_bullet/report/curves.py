@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.report.learning_curves import BLOCK
-from zebrat_bullet.training.logs import read_rows
 
 
 def draw_learning_curve(folder: Path, path: Path) -> None:

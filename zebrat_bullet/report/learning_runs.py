@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.training.archive import as_folder
-from zebrat_bullet.training.logs import read_rows
 from zebrat_bullet.training.run_folder import is_finished
 
 Table = dict[str, NDArray]

@@ -15,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
 from zebrat_bullet.errors import SimulationError
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.metrics import score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
@@ -22,7 +23,7 @@ from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
 from zebrat_bullet.training.learners import critic_values, exploration, to_agent
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, rank
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog

@@ -16,6 +16,7 @@ from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
 from zebrat_bullet.config import TaskConfig, from_json, to_json
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import load_record, save_record
@@ -23,7 +24,7 @@ from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.cloning import Clone, CloneConfig, clone
 from zebrat_bullet.training.demonstrations import encode_pairs, labels_path, load_demonstrations, observation_of
-from zebrat_bullet.training.logs import CsvLog, rank
+from zebrat_bullet.training.logs import rank
 from zebrat_bullet.training.run import run_versions
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import World, load_world

@@ -10,13 +10,14 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
+from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.training.callbacks import Progress, refuse_non_finite
 from zebrat_bullet.training.checkpoint import save_checkpoint
 from zebrat_bullet.training.learners import to_agent
-from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, CsvLog, rank
+from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, rank
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import PlanarConfig, TrainConfig

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.evaluation.csv_log import read_rows
 
 POLICY_FILES = ("best.safetensors", "best.zip")
 ERROR = "error.txt"

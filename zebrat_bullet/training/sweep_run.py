@@ -16,7 +16,7 @@ from typing import Literal
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.training.logs import read_rows
+from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.training.run_folder import ERROR, has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 

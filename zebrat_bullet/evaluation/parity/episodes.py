@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.evaluation.planar_policy import cars_for
-from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.planar.trial import drive_out
-from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.world import World, load_world
 
@@ -43,14 +41,11 @@ class Ending:
     start: tuple[float, ...]
 
 
-def drive_episodes(job: EpisodeJob) -> list[Ending]:
+def drive_bullet_episodes(job: EpisodeJob) -> list[Ending]:
     """Drive a job in PyBullet."""
-    drive, agent = Drive(job.task, load_world(job.world)), load_agent(job.agent, job.task)
-    records = [run_episode(drive, agent, job.seed, episode) for episode in job.episodes]
-    drive.close()
     return [
         Ending(outcome=record.outcome, duration_s=record.duration_s, start=tuple(record.pose[0].tolist()))
-        for record in records
+        for record in drive_episodes(job.agent, job.task, load_world(job.world), job.seed, job.episodes)
     ]
 
 

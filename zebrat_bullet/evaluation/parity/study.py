@@ -14,7 +14,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.parity.contacts import Contacts, compare_contacts
 from zebrat_bullet.evaluation.parity.drives import DRIVERS, Comparison, DriveJob, compare, drive_in_bullet
-from zebrat_bullet.evaluation.parity.episodes import Ending, EpisodeJob, drive_episodes, drive_planar_episodes
+from zebrat_bullet.evaluation.parity.episodes import Ending, EpisodeJob, drive_bullet_episodes, drive_planar_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.planar.simulation import require_planar
 from zebrat_bullet.world import World, load_world
@@ -194,7 +194,7 @@ def measure(study: ParityStudy, on_progress: Progress = lambda doing, done, tota
     ]
     with worker_pool(study.workers, len(drive_jobs) + len(episode_jobs)) as pool:
         driven = [pool.submit(drive_in_bullet, job) for job in drive_jobs]
-        ended = [pool.submit(drive_episodes, job) for job in episode_jobs]
+        ended = [pool.submit(drive_bullet_episodes, job) for job in episode_jobs]
         _wait([*driven, *ended], on_progress)
     drives: dict[str, dict[str, Comparison]] = {name: {} for name in worlds}
     for job, future in zip(drive_jobs, driven, strict=True):

@@ -1,0 +1,71 @@
+"""Tables that grow by a row at a time and survive a kill."""
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]:
+    """Return the whole rows of a table as strings by column, none if it is not there; another may be writing to it.
+
+    Args:
+        path: the table.
+        last_bytes: read only the rows within so many bytes of its end; None for all.
+    """
+    try:
+        with path.open("rb") as file:
+            header = file.readline()
+            if last_bytes is not None and path.stat().st_size - last_bytes > len(header):
+                file.seek(-last_bytes, os.SEEK_END)
+                file.readline()  # begins within a row
+            whole = [line.decode() for line in (header, *file) if line.endswith(b"\n")]
+    except FileNotFoundError:
+        return []
+    return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]
+
+
+class CsvLog:
+    """A CSV file that grows by a row at a time and survives a kill.
+
+    Args:
+        path: the file; a header is written when it is new.
+        columns: names of the columns.
+    """
+
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        self._path, self._columns, self._mended = path, columns, False
+        if not path.exists():
+            self._write(path, "w", [])
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add a row; a kill of this process does not lose it, and what a kill has left of a row makes way for it."""
+        if not self._mended:
+            self._mend()
+        self._write(self._path, "a", [row])
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return every row as strings by column."""
+        return read_rows(self._path)
+
+    def cut_after(self, episode: int) -> None:
+        """Drop the rows of episodes after `episode`, which a resumed run drives again."""
+        kept = [row for row in self.rows() if int(row["episode"]) <= episode]
+        part = self._path.with_suffix(".part")
+        self._write(part, "w", kept)
+        part.replace(self._path)
+
+    def _mend(self) -> None:
+        with self._path.open("r+b") as file:
+            whole = file.truncate(file.read().rfind(b"\n") + 1)
+        if whole == 0:
+            self._write(self._path, "w", [])
+        self._mended = True
+
+    def _write(self, path: Path, mode: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        with path.open(mode, newline="") as file:
+            writer = csv.DictWriter(file, self._columns)
+            if mode == "w":
+                writer.writeheader()
+            writer.writerows(rows)

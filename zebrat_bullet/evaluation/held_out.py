@@ -1,0 +1,179 @@
+"""How an agent does on a held-out set: overall, by difficulty, by how often its certificates reverse."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, as_policy, bullet_endings, planar_endings
+from zebrat_bullet.evaluation.generated import TracksScore, tracks_score
+from zebrat_bullet.evaluation.metrics import tracks_interval
+from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set
+from zebrat_bullet.world import World
+
+N_BINS = 5
+# Tracks whose certificates reverse so often or oftener are one group.
+_OFTEN = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Success on some of the tracks: so many, share of the episodes, its 95 % interval (`tracks_interval`)."""
+
+    tracks: int
+    success: float
+    success_ci: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetScore:
+    """How an agent did on a set.
+
+    Attributes:
+        set, sha256: which set.
+        sim: "planar" or "bullet".
+        overall: over all tracks driven; its `by_track` goes with `seeds`.
+        seeds: of the tracks driven.
+        by_difficulty: by fifth of the difficulty, "0.0-0.2" and so on; those that hold a track.
+        by_reversals: by number of reversals of the certificate, "0" to "5", "6+"; those that hold a track.
+        over_least: mean over the successes of time over the least that any drive can take; None without a success.
+    """
+
+    set: str
+    sha256: str
+    sim: str
+    overall: TracksScore
+    seeds: tuple[int, ...]
+    by_difficulty: dict[str, Group]
+    by_reversals: dict[str, Group]
+    over_least: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the score as plain values for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetJudgement:
+    """How to judge agents on a set.
+
+    Attributes:
+        episodes: in each track.
+        sim: "planar" for policies, "bullet" for any agent.
+        n_tracks: only so many, drawn from the seed; None takes all.
+        seed: of that draw, and of the episodes in PyBullet; the same for every agent.
+        action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        workers: processes.
+        task: the task, with the car that the set is certified for.
+    """
+
+    episodes: int
+    sim: str = "planar"
+    n_tracks: int | None = None
+    seed: int = 0
+    action_noise: float = 0.0
+    workers: int = 1
+    task: TaskConfig
+
+    def __post_init__(self) -> None:
+        if self.sim not in SIMULATORS:
+            raise ConfigError(f"sim must be one of {', '.join(SIMULATORS)}, got {self.sim!r}")
+
+
+def judge_set(
+    agents: Sequence[str],
+    tracks: TrackSet,
+    how: SetJudgement,
+    on_tracks: Callable[[str, int, int], None] = lambda agent, done, total: None,
+) -> dict[str, SetScore]:
+    """Judge agents on a set, all on the same tracks.
+
+    Args:
+        agents: names, policy files or run folders.
+        tracks: the set.
+        how: the simulator, and how much of the set.
+        on_tracks: called with an agent, how many of the tracks it has driven, and how many it will.
+
+    Raises:
+        ConfigError: the set is for another car, is smaller than asked for, or its tracks cannot be drawn here.
+        PolicyError: an agent that is no policy is to drive planar cars; nothing was driven then.
+    """
+    for agent in agents:
+        loaded = load_agent(agent, how.task)
+        if how.sim == "planar":
+            as_policy(loaded, agent)
+    if tracks.robot != how.task.robot:
+        raise ConfigError(f"set {tracks.name!r} is for {tracks.robot!r}, not {how.task.robot!r}; make another")
+    chosen = _choose(tracks, how)
+    worlds = draw_set(tracks, how.workers)
+    facts, worlds = [tracks.tracks[i] for i in chosen], [worlds[i] for i in chosen]
+    scores = {}
+    for agent in agents:
+        on_tracks(agent, 0, len(worlds))
+        endings = _drive(agent, worlds, how, lambda done, agent=agent: on_tracks(agent, done, len(worlds)))  # type: ignore[misc]
+        scores[agent] = _score(tracks, facts, how, endings)
+    return scores
+
+
+def _choose(tracks: TrackSet, how: SetJudgement) -> list[int]:
+    n = len(tracks.tracks)
+    if how.n_tracks is None:
+        return list(range(n))
+    if not 1 <= how.n_tracks <= n:
+        raise ConfigError(f"set {tracks.name!r} has {n} tracks, asked for {how.n_tracks}; ask for 1 to {n}")
+    return sorted(np.random.default_rng(how.seed).choice(n, how.n_tracks, replace=False).tolist())
+
+
+def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable[[int], None]) -> Endings:
+    if how.sim == "planar":
+        policy = as_policy(load_agent(agent, how.task), agent)
+        ended = 0
+
+        def on_end(n: int) -> None:
+            nonlocal ended
+            ended += n
+            on_done(ended // how.episodes)
+
+        return planar_endings(policy, how.task, worlds, how.episodes, action_noise=how.action_noise, on_end=on_end)
+    found: dict[int, Endings] = {}
+    driven = bullet_endings(
+        agent, how.task, worlds, how.episodes, seed=how.seed, action_noise=how.action_noise, workers=how.workers
+    )
+    for i, endings in driven:
+        found[i] = endings
+        on_done(len(found))
+    each = [found[i] for i in range(len(worlds))]
+    return Endings(np.concatenate([at.outcome for at in each]), np.concatenate([at.time_s for at in each]))
+
+
+def _score(tracks: TrackSet, facts: Sequence[SetTrack], how: SetJudgement, endings: Endings) -> SetScore:
+    success = endings.success
+    over_least = endings.time_s / np.array([track.least_time_s for track in facts])[:, None]
+    bins = np.minimum([int(track.difficulty * N_BINS) for track in facts], N_BINS - 1)
+    often = np.minimum([track.reversals for track in facts], _OFTEN)
+    fifths = {i: f"{i / N_BINS:.1f}-{(i + 1) / N_BINS:.1f}" for i in range(N_BINS)}
+    numbers = {i: str(i) for i in range(_OFTEN)} | {_OFTEN: f"{_OFTEN}+"}
+    return SetScore(
+        set=tracks.name,
+        sha256=tracks.sha256,
+        sim=how.sim,
+        overall=tracks_score(endings),
+        seeds=tuple(track.seed for track in facts),
+        by_difficulty=_groups(endings, bins.tolist(), fifths),
+        by_reversals=_groups(endings, often.tolist(), numbers),
+        over_least=float(over_least[success].mean()) if success.any() else None,
+    )
+
+
+def _groups(endings: Endings, keys: Sequence[int], names: Mapping[int, str]) -> dict[str, Group]:
+    groups = {}
+    for key, name in names.items():
+        of_key = [i for i, at in enumerate(keys) if at == key]
+        if of_key:
+            success = endings.success[of_key]
+            interval = tracks_interval(success.sum(axis=1), success.shape[1])
+            groups[name] = Group(tracks=len(of_key), success=float(success.mean()), success_ci=interval)
+    return groups

@@ -1,0 +1,105 @@
+"""Named sets of certified tracks that nobody trains on: a file of seeds, and the tracks drawn again from it."""
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from zebrat_bullet.assets import find_asset
+from zebrat_bullet.config import from_json
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.world import World, generate_tracks
+from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint
+
+FOLDER = "worlds/sets"
+"""The kind of asset that shipped sets are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetTrack:
+    """One track of a set, and its certificate in numbers.
+
+    Attributes:
+        family, seed: from which it is drawn.
+        difficulty: 0 easy to 1 hard.
+        reversals, clearance_m, length_m: of the certified drive.
+        least_time_s: no drive takes less.
+    """
+
+    family: str
+    seed: int
+    difficulty: float
+    reversals: int
+    clearance_m: float
+    length_m: float
+    least_time_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackSet:
+    """A set of tracks.
+
+    Attributes:
+        name: of the set.
+        robot: the car that the tracks are certified for.
+        sha256: of the geometry of all tracks in their order.
+        tracks: its tracks.
+    """
+
+    name: str
+    robot: str
+    sha256: str
+    tracks: tuple[SetTrack, ...]
+
+
+_COLUMNS = [field.name for field in fields(SetTrack)]
+
+
+def save_set(tracks: TrackSet, folder: Path) -> Path:
+    """Write a set as `folder`/NAME.json, a track a line, whole or not at all, and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    head = {"name": tracks.name, "robot": tracks.robot, "sha256": tracks.sha256, "columns": _COLUMNS}
+    rows = ",\n".join(f"  {json.dumps(list(asdict(track).values()))}" for track in tracks.tracks)
+    path, part = folder / f"{tracks.name}.json", folder / f"{tracks.name}.part"
+    part.write_text(f'{json.dumps(head, indent=1)[:-2]},\n "tracks": [\n{rows}\n ]\n}}\n')
+    part.replace(path)
+    return path
+
+
+def read_set(name_or_path: str) -> TrackSet:
+    """Read a shipped set by name, or any by path; draws no track.
+
+    Raises:
+        AssetError: there is none; the message lists those there are.
+        ConfigError: the file is not a set.
+    """
+    path = find_asset(FOLDER, name_or_path, ".json")
+    try:
+        data = json.loads(path.read_text())
+        columns = data.pop("columns")
+        data["tracks"] = [dict(zip(columns, row, strict=True)) for row in data["tracks"]]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(f"{path} is not a set of tracks ({error}); make one with `zebrat sets --make`") from error
+    return from_json(TrackSet, json.dumps(data))
+
+
+def draw_set(tracks: TrackSet, workers: int = 1) -> list[World]:
+    """Draw the tracks of a set.
+
+    Raises:
+        ConfigError: they are not those certified: the generator is of another version than the set's.
+    """
+    robot = load_robot(tracks.robot)
+    drawn: dict[tuple[str, int], World] = {}
+    for family in sorted({track.family for track in tracks.tracks}):
+        seeds = [track.seed for track in tracks.tracks if track.family == family]
+        of_family = generate_tracks(seeds, family=family, robot=robot, workers=workers)
+        drawn |= {(family, seed): world for seed, world in zip(seeds, of_family, strict=True)}
+    worlds = [drawn[track.family, track.seed] for track in tracks.tracks]
+    found = joint_fingerprint(map(fingerprint, worlds))
+    if found != tracks.sha256:
+        raise ConfigError(
+            f"set {tracks.name!r}: its seeds give other tracks here ({found[:12]}) than those certified "
+            f"({tracks.sha256[:12]}): the generator has changed; make the set anew with `zebrat sets --make`"
+        )
+    return worlds

@@ -1,0 +1,41 @@
+"""Scores on a held-out set as Markdown tables."""
+
+from collections.abc import Mapping
+
+from zebrat_bullet.evaluation.held_out import Group, SetScore
+
+
+def set_table(scores: Mapping[str, SetScore]) -> str:
+    """Return a table of the whole set and, below, one by difficulty and one by reversals of the certificate.
+
+    Every rate stands with its 95 % interval.
+    """
+    first = next(iter(scores.values()))
+    simulator = "PyBullet" if first.sim == "bullet" else "planar cars"
+    title = f"{first.set} ({first.sha256[:12]}), {first.overall.tracks} tracks x {first.overall.starts}, {simulator}"
+    rows = [
+        "| agent | success | worst tenth of the tracks | time over the least possible | causes of the rest |",
+        "|---|---|---|---|---|",
+    ]
+    for agent, at in scores.items():
+        causes = ", ".join(f"{n} {cause}" for cause, n in at.overall.causes.items() if n and cause != "success") or "-"
+        over = "-" if at.over_least is None else f"{at.over_least:.2f}"
+        whole = _rate(at.overall.success, at.overall.success_ci)
+        worst = _rate(at.overall.worst_tenth, at.overall.worst_tenth_ci)
+        rows.append(f"| {agent} | {whole} | {worst} | {over} | {causes} |")
+    difficulty = _by_group("difficulty", {agent: at.by_difficulty for agent, at in scores.items()})
+    reversals = _by_group("reversals of the certificate", {agent: at.by_reversals for agent, at in scores.items()})
+    return "\n\n".join([title, "\n".join(rows), difficulty, reversals])
+
+
+def _by_group(what: str, groups: Mapping[str, Mapping[str, Group]]) -> str:
+    rows = [f"| {what} | tracks | {' | '.join(groups)} |", "|---" * (len(groups) + 2) + "|"]
+    for name, group in next(iter(groups.values())).items():
+        cells = [_rate(of_agent[name].success, of_agent[name].success_ci) for of_agent in groups.values()]
+        rows.append(f"| {name} | {group.tracks} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def _rate(share: float, interval: tuple[float, float]) -> str:
+    low, high = interval
+    return f"{share:.1%} ({low:.1%}-{high:.1%})"
