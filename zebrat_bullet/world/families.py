@@ -44,7 +44,7 @@ def corners(rng: np.random.Generator, difficulty: float, car_width_m: float) -> 
     """Sharp right angles, every other one with a step in width right behind it."""
 
     def leg() -> Segments:
-        width = _width(rng, difficulty, 1.7, 1.1)
+        width = _width(rng, difficulty, 1.7, 0.95)
         lead, turn, out = _sharp(rng, 90.0 * one_of_sides(rng), width)
         if rng.random() < 0.5:
             return [lead, turn, out]
@@ -65,7 +65,7 @@ def uturns(rng: np.random.Generator, difficulty: float, car_width_m: float) -> I
             width = cm(min(_width(rng, difficulty, 1.6, 1.1), outer - 0.05))
             turns: Segments = [Turn(turn=180.0 * side, radius=cm(outer - width / 2), width=width)]
         else:
-            width = _width(rng, difficulty, 1.7, 1.28)
+            width = _width(rng, difficulty, 1.7, 1.2)
             corner, wall_m = Turn(turn=90.0 * side, width=width), float(rng.uniform(0.06, 0.15))
             turns = [corner, Straight(straight=cm(width + wall_m), width=width), corner]
         taken = corner_extent(turns[0], width)

@@ -16,7 +16,7 @@ _NOSE_IN_M = 0.7
 
 
 def manoeuvres(rng: np.random.Generator, difficulty: float, car_width_m: float) -> Iterator[Draft]:
-    """One or two right angles 0.91-1.05 m wide, or a U-turn of 0.98-1.2 m round a thin wall."""
+    """One or two right angles 0.87-0.94 m wide, or a U-turn of 0.92-1.17 m round a thin wall."""
     u_turn = rng.random() < 0.4
     n_corners = 1 if rng.random() < 0.5 else 2
     while True:
@@ -26,7 +26,7 @@ def manoeuvres(rng: np.random.Generator, difficulty: float, car_width_m: float) 
 def _narrow_corners(rng: np.random.Generator, difficulty: float, n_corners: int) -> Draft:
     segments: Segments = [Straight(straight=cm(rng.uniform(2.2, 2.6)), width=cm(rng.uniform(1.15, 1.4)))]
     for _ in range(n_corners):
-        width = cm(between(difficulty, 1.02, 0.91) + rng.uniform(0.0, _SPREAD_M))
+        width = cm(between(difficulty, 0.92, 0.87) + rng.uniform(0.0, 0.02))
         corner = Turn(turn=90.0 * one_of_sides(rng), width=width)
         taken = corner_extent(corner, width)
         lead, out = (cm(taken + rng.uniform(0.6, 1.4)) for _ in range(2))
@@ -36,7 +36,7 @@ def _narrow_corners(rng: np.random.Generator, difficulty: float, n_corners: int)
 
 def _narrow_u_turn(rng: np.random.Generator, difficulty: float) -> Draft:
     """Return a lane that turns back and leads out past its own beginning, and so is as narrow there."""
-    width = cm(between(difficulty, 1.17, 0.98) + rng.uniform(0.0, _SPREAD_M))
+    width = cm(between(difficulty, 1.14, 0.92) + rng.uniform(0.0, _SPREAD_M))
     corner = Turn(turn=90.0 * one_of_sides(rng), width=width)
     lead = cm(rng.uniform(3.0, 4.0))
     lanes: Segments = [Straight(straight=length, width=width) for length in (lead, cm(lead + rng.uniform(0.6, 1.2)))]
