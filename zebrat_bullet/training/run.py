@@ -4,8 +4,9 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.drive import PlanarDrive
-from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_arrays, load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner, scaled
@@ -28,7 +29,7 @@ from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
-from zebrat_bullet.world import World, generate_tracks, load_world
+from zebrat_bullet.world import generate_tracks, load_world
 
 STEPS_WITHOUT_END = 10**9
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
@@ -130,9 +131,9 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     if algo in DISCRETE:
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
     robot = load_robot(config.task.robot)
-    tracks = _tracks(planar.families, 0, planar.n_tracks, robot, workers)
-    worlds = [*map(load_world, config.worlds), *tracks]
-    eval_worlds = list(_tracks(planar.families, VALIDATION_SEED, planar.n_eval_tracks, robot, workers))
+    generate = partial(generate_tracks, family=planar.families, robot=robot, workers=workers)
+    worlds = [*map(load_world, config.worlds), *generate(range(planar.n_tracks))]
+    eval_worlds = list(generate(range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)))
     cars = PlanarVecEnv(
         PlanarVectorEnv(planar.n_cars, worlds, task=config.task, device=planar.device, margin_m=planar.margin_m)
     )
@@ -149,13 +150,6 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     provenance = {"config": json.loads(to_json(config))} | run_versions()
     callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
     model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
-
-
-def _tracks(families: Sequence[str], first_seed: int, n: int, robot: RobotModel, workers: int) -> Iterator[World]:
-    """Yield n tracks of the families in turn, each family's of the seeds from the first on."""
-    for i, family in enumerate(families):
-        seeds = range(first_seed + i, first_seed + n, len(families))
-        yield from generate_tracks(seeds, family=family, robot=robot, workers=workers)
 
 
 def _begin_with(model: BaseAlgorithm, init: str) -> None:

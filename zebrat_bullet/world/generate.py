@@ -1,7 +1,7 @@
 """Random tracks by family: laid from the same segments as the shipped ones, and checked by the same rules."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
@@ -90,7 +90,7 @@ def generate_spec(
 def generate_tracks(
     seeds: Iterable[int],
     *,
-    family: str = "mixed",
+    family: str | Sequence[str] = "mixed",
     difficulty: float | None = None,
     workers: int = 1,
     robot: RobotModel | None = None,
@@ -102,7 +102,8 @@ def generate_tracks(
 
     Args:
         seeds: not negative; those from `HELD_OUT_SEED` on are for evaluation only.
-        family, difficulty, robot: as `generate_track`.
+        family: one of `FAMILIES`; or several, of which seed s takes the one at place s modulo their number.
+        difficulty, robot: as `generate_track`.
         workers: 1 draws here; more draw in so many processes, which import the caller's main module again, so a script
             needs its `if __name__ == "__main__":`.
 
@@ -112,8 +113,10 @@ def generate_tracks(
     """
     if workers < 1:
         raise ConfigError(f"workers must be at least 1, got {workers}")
-    check_family(family, difficulty)
-    track = partial(_track_of, family=family, difficulty=difficulty, robot=robot or default_robot())
+    families = (family,) if isinstance(family, str) else tuple(family)
+    for each in families:
+        check_family(each, difficulty)
+    track = partial(_track_of, families=families, difficulty=difficulty, robot=robot or default_robot())
     return map(track, seeds) if workers == 1 else _in_processes(track, iter(seeds), workers)
 
 
@@ -151,7 +154,8 @@ def _name(seed: int, family: str) -> str:
     return f"{'generated' if family == 'mixed' else family}-{seed}"
 
 
-def _track_of(seed: int, *, family: str, difficulty: float | None, robot: RobotModel) -> World:
+def _track_of(seed: int, *, families: Sequence[str], difficulty: float | None, robot: RobotModel) -> World:
+    family = families[seed % len(families)]
     return generate_track(
         np.random.default_rng(seed), family=family, difficulty=difficulty, robot=robot, name=_name(seed, family)
     )
