@@ -14,13 +14,12 @@ from zebrat_bullet.errors import ConfigError, PlanError, WorldError
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, outlines
 from zebrat_bullet.planning.certificate import (
     Certificate,
-    certify,
-    certify_all,
     check_certificate,
     guaranteed_clearance_m,
     load_certificate,
     save_certificate,
 )
+from zebrat_bullet.planning.certify import certify, certify_all
 from zebrat_bullet.planning.no_way import proves_no_way
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2

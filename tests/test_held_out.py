@@ -16,7 +16,7 @@ from zebrat_bullet.evaluation.generated import tracks_score
 from zebrat_bullet.evaluation.held_out import SetJudgement, _score, judge_set
 from zebrat_bullet.evaluation.make_set import Recipe, make_set
 from zebrat_bullet.evaluation.track_set import FOLDER, SetTrack, TrackSet, draw_set, read_set
-from zebrat_bullet.planning.certificate import certify
+from zebrat_bullet.planning.certify import certify
 from zebrat_bullet.report.held_out import set_table
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import HELD_OUT_SEED, generate_track

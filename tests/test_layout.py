@@ -16,6 +16,7 @@ ORDER = [
         "config",
         "geometry",
         "assets",
+        "processes",
         "robot",
         "world",
         "planning",

@@ -221,7 +221,8 @@ def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) 
 
 def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
     """Write a world's certificate, note it in the world's result, and return what it says."""
-    from zebrat_bullet.planning.certificate import certify, save_certificate
+    from zebrat_bullet.planning.certificate import save_certificate
+    from zebrat_bullet.planning.certify import certify
     from zebrat_bullet.robot import load_robot
 
     try:

@@ -10,7 +10,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.workers import worker_pool
-from zebrat_bullet.planning.certificate import certify
+from zebrat_bullet.planning.certify import certify
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import passage
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set, save_set
-from zebrat_bullet.planning.certificate import Certificate, certify_all
+from zebrat_bullet.planning.certificate import Certificate
+from zebrat_bullet.planning.certify import certify_all
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.world import FAMILIES, HELD_OUT_SEED, World, generate_tracks
 from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint

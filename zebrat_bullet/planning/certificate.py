@@ -3,12 +3,8 @@
 import hashlib
 import json
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from multiprocessing import get_context
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,32 +13,21 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config import PhysicsConfig, from_json
-from zebrat_bullet.errors import ConfigError, PlanError, WorldError
+from zebrat_bullet.errors import PlanError, WorldError
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
 from zebrat_bullet.planning.grid import inscribed_radius_m
-from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
-from zebrat_bullet.planning.no_way import proves_no_way
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
 
-# First samples of a path for its clearance, and how closely that is then known.
-_SAMPLE_M, _CLOSELY_M = 0.1, 1e-4
-# Tried before the margin asked for, as who drives likes room; a path with fewer reversals is taken all the same.
-_ROOMY_M = (0.03, 0.01)
-# In metres of driving: worlds are told apart by the number of reversals.
-_REVERSAL_COST = 10.0
-# With no more than these a closer look has saved none.
-_FEW = 2
-# Poses are written to a micrometre; a path may be beside its arcs, and the bound be off, by what that rounds.
-LEAST_MARGIN_M = 0.003
-"""What a certified drive keeps from the walls unless told otherwise."""
-
+CLOSELY_M = 1e-4
+"""How closely the clearance of a path is known."""
+# Its first samples.
+_SAMPLE_M = 0.1
 # How finely the straight from axle to lidar is divided.
 _STRAIGHT_PARTS = 64
-# So many worlds wait for each process.
-_WAITING = 8
+# Poses are written to a micrometre; a path may be beside its arcs, and the bound be off, by what that rounds.
 _DIGITS = 6
 _TOLERANCE = 1e-5
 
@@ -81,23 +66,14 @@ class Certificate:
     least_time_s: float
 
 
-def certify(
-    world: World, robot: RobotModel, physics: PhysicsConfig | None = None, margin_m: float = LEAST_MARGIN_M
-) -> Certificate:
-    """Find a drive out of a world, from the middle of its start range.
-
-    Args:
-        world, robot: what to leave, and in what.
-        physics: limits of the commands; the defaults if None.
-        margin_m: what the drive keeps from every wall at least.
+def certificate_of(found: ArcPath, world: World, robot: RobotModel, physics: PhysicsConfig) -> Certificate:
+    """Return the certificate that a drive out of a world is.
 
     Raises:
-        PlanError: `proven`, where no drive at all leads out; else the search found none, and there may be one.
+        PlanError: it is none; the message says why.
         WorldError: the world declares no exit.
     """
-    physics = physics or PhysicsConfig()
-    shortest = _shortest_m(world, robot, _open_line(world))
-    found = _find(world, robot, physics, margin_m)
+    shortest = _shortest_m(world, robot, open_line_of(world))
     path = ArcPath(found.poses_world.round(_DIGITS), found.directions)
     clearance = guaranteed_clearance_m(path, world.walls, robot)
     certificate = Certificate(
@@ -116,31 +92,6 @@ def certify(
     return certificate
 
 
-def certify_all(
-    worlds: Iterable[World],
-    robot: RobotModel,
-    physics: PhysicsConfig | None = None,
-    *,
-    workers: int = 2,
-    margin_m: float = LEAST_MARGIN_M,
-) -> Iterator[Certificate | PlanError | WorldError]:
-    """Yield for each world, in order, its certificate, or what `certify` raises instead.
-
-    Args:
-        worlds: taken as they are needed; there may be no end of them.
-        robot, physics, margin_m: as `certify`.
-        workers: 1 works here; more work in so many processes, which import the caller's main module again, so a script
-            needs its `if __name__ == "__main__":`.
-
-    Raises:
-        ConfigError: fewer than one worker.
-    """
-    if workers < 1:
-        raise ConfigError(f"workers must be at least 1, got {workers}")
-    task = partial(_certificate_or_refusal, robot=robot, physics=physics, margin_m=margin_m)
-    return map(task, worlds) if workers == 1 else _in_processes(task, iter(worlds), workers)
-
-
 def check_certificate(
     world: World, robot: RobotModel, certificate: Certificate, physics: PhysicsConfig | None = None
 ) -> None:
@@ -150,7 +101,7 @@ def check_certificate(
         PlanError: it does not; the message says what is wrong.
         WorldError: the world declares no exit.
     """
-    shortest = _shortest_m(world, robot, _open_line(world))
+    shortest = _shortest_m(world, robot, open_line_of(world))
     _check(world, robot, certificate, physics or PhysicsConfig(), shortest)
 
 
@@ -174,7 +125,7 @@ def guaranteed_clearance_m(path: ArcPath, walls: shapely.MultiPolygon, robot: Ro
     least, sure = min(gap_low.min(), gap_high.min()), np.inf
     while len(arcs):
         bound = (gap_low + gap_high - sweep[arcs] * (high - low)) / 2.0
-        open_ = bound < least - _CLOSELY_M
+        open_ = bound < least - CLOSELY_M
         sure = min(sure, bound[~open_].min(initial=np.inf))
         arcs, low, high, gap_low, gap_high = (x[open_] for x in (arcs, low, high, gap_low, gap_high))
         middle = (low + high) / 2.0
@@ -208,75 +159,15 @@ def save_certificate(certificate: Certificate, folder: Path) -> Path:
     return path
 
 
-def _open_line(world: World) -> NDArray[np.float64]:
+def open_line_of(world: World) -> NDArray[np.float64]:
+    """Return the (2, 2) open-space line of a world that can be certified.
+
+    Raises:
+        WorldError: it declares no exit.
+    """
     if world.open_line is None or not len(world.waypoints):
         raise WorldError(f"{world.name} declares no exit to be certified; give it an open_line and waypoints")
     return world.open_line
-
-
-def _find(world: World, robot: RobotModel, physics: PhysicsConfig, margin_m: float) -> ArcPath:
-    """Search with room to spare; then for a proof that it is in vain; then ever more closely."""
-    # What rounding takes: of the steering, and of the clearance.
-    margin = margin_m + 2.0 * _CLOSELY_M
-    search = HybridAStarConfig(
-        max_steering_rad=physics.max_steering_rad - 1e-3,
-        margins_m=(*(roomy for roomy in _ROOMY_M if roomy > margin), margin),
-        reversal_cost=_REVERSAL_COST,
-        save_reversals=True,
-    )
-    best = _fewer(world, robot, replace(search, margins_m=search.margins_m[:1]), None)
-    if best is None and proves_no_way(world, robot):
-        raise PlanError(
-            "no drive leads out, however often the car reverses: what is free round the start does not reach the exit; "
-            "widen the narrowest place",
-            proven=True,
-        )
-    if (best is None or best.n_reversals > 0) and search.margins_m[1:]:
-        best = _fewer(world, robot, replace(search, margins_m=search.margins_m[1:]), best)
-    if best is None or best.n_reversals > _FEW:
-        best = _fewer(world, robot, search.finer(), best)
-    return best or _plan(world, robot, search.finest())
-
-
-def _fewer(world: World, robot: RobotModel, search: HybridAStarConfig, best: ArcPath | None) -> ArcPath | None:
-    """Return the path that a search finds where it has fewer reversals than the best so far, else that one."""
-    try:
-        path = _plan(world, robot, search)
-    except PlanError as error:
-        if error.proven:
-            raise
-        return best
-    return path if best is None or path.n_reversals < best.n_reversals else best
-
-
-def _plan(world: World, robot: RobotModel, search: HybridAStarConfig) -> ArcPath:
-    return plan_path(world.walls, robot, world.start.pose, world.waypoints[-1], search).path
-
-
-def _certificate_or_refusal(
-    world: World, robot: RobotModel, physics: PhysicsConfig | None, margin_m: float
-) -> Certificate | PlanError | WorldError:
-    try:
-        return certify(world, robot, physics, margin_m)
-    except (PlanError, WorldError) as refusal:
-        return refusal
-
-
-def _in_processes(
-    task: Callable[[World], Certificate | PlanError | WorldError], worlds: Iterator[World], workers: int
-) -> Iterator[Certificate | PlanError | WorldError]:
-    """Yield the answers in order; a consumer that stops early stops the processes too."""
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        waiting: deque[Future[Certificate | PlanError | WorldError]] = deque()
-        try:
-            for world in worlds:
-                waiting.append(pool.submit(task, world))
-                if len(waiting) > workers * _WAITING:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def _check(

@@ -1,17 +1,15 @@
 """Random tracks by family: laid from the same segments as the shipped ones, and checked by the same rules."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import shapely
 
 from zebrat_bullet.errors import ConfigError, WorldError
+from zebrat_bullet.processes import in_order
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import families, reversing
 from zebrat_bullet.world.build import build_world
@@ -46,8 +44,8 @@ FAMILIES = tuple(_DRAFTS)
 _COURSE_M = dict.fromkeys(FAMILIES, (6.0, 15.0)) | dict.fromkeys(("manoeuvres", "deadends"), (4.0, 15.0))
 _MIXED_DIFFICULTY = 0.6
 _MAX_TRIES = 200
-# So many seeds go to a process at a time, and so many such batches wait for each process.
-_BATCH, _WAITING = 8, 3
+# So many seeds go to a process at a time.
+_BATCH = 8
 
 
 def generate_track(
@@ -104,20 +102,17 @@ def generate_tracks(
         seeds: not negative; those from `HELD_OUT_SEED` on are for evaluation only.
         family: one of `FAMILIES`; or several, of which seed s takes the one at place s modulo their number.
         difficulty, robot: as `generate_track`.
-        workers: 1 draws here; more draw in so many processes, which import the caller's main module again, so a script
-            needs its `if __name__ == "__main__":`.
+        workers: as for `in_order`.
 
     Raises:
         ConfigError: fewer than one worker, no such family or difficulty.
         WorldError: when it is the turn of a seed that has no valid track.
     """
-    if workers < 1:
-        raise ConfigError(f"workers must be at least 1, got {workers}")
     families = (family,) if isinstance(family, str) else tuple(family)
     for each in families:
         check_family(each, difficulty)
     track = partial(_track_of, families=families, difficulty=difficulty, robot=robot or default_robot())
-    return map(track, seeds) if workers == 1 else _in_processes(track, iter(seeds), workers)
+    return in_order(track, seeds, workers, _BATCH)
 
 
 def difficulty_of(seed: int, family: str = "mixed") -> float:
@@ -187,25 +182,6 @@ def _valid_track(
         if walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
             return spec, world
     raise WorldError(f"{name}: no valid track in {_MAX_TRIES} tries; take another seed or an easier difficulty")
-
-
-def _in_processes(track: Callable[[int], World], seeds: Iterator[int], workers: int) -> Iterator[World]:
-    """Yield the tracks in the order of the seeds; a consumer that stops early stops the processes too."""
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        waiting: deque[Future[list[World]]] = deque()
-        try:
-            while batch := list(islice(seeds, _BATCH)):
-                waiting.append(pool.submit(_tracks_of, track, batch))
-                if len(waiting) > workers * _WAITING:
-                    yield from waiting.popleft().result()
-            while waiting:
-                yield from waiting.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _tracks_of(track: Callable[[int], World], seeds: list[int]) -> list[World]:
-    return [track(seed) for seed in seeds]
 
 
 def _check_closed(world: World) -> None:

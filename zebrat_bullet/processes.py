@@ -1,0 +1,52 @@
+"""The same work on one thing after another, spread over processes and answered in order."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from itertools import islice
+from multiprocessing import get_context
+from typing import TypeVar
+
+from zebrat_bullet.errors import ConfigError
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+# So many batches wait for each process.
+_WAITING = 3
+
+
+def in_order(work: Callable[[T], R], things: Iterable[T], workers: int, batch: int = 1) -> Iterator[R]:
+    """Yield the result of each thing, in their order; a consumer that stops early stops the processes too.
+
+    Args:
+        work: what to do; it and the things travel to other processes.
+        things: taken as they are needed; there may be no end of them.
+        workers: 1 works here; more work in so many processes, which import the caller's main module again, so a script
+            needs its `if __name__ == "__main__":`.
+        batch: so many things go to a process at a time.
+
+    Raises:
+        ConfigError: fewer than one worker.
+    """
+    if workers < 1:
+        raise ConfigError(f"workers must be at least 1, got {workers}")
+    return map(work, things) if workers == 1 else _in_processes(work, iter(things), workers, batch)
+
+
+def _in_processes(work: Callable[[T], R], things: Iterator[T], workers: int, batch: int) -> Iterator[R]:
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        waiting: deque[Future[list[R]]] = deque()
+        try:
+            while some := list(islice(things, batch)):
+                waiting.append(pool.submit(_all_of, work, some))
+                if len(waiting) > workers * _WAITING:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _all_of(work: Callable[[T], R], things: list[T]) -> list[R]:
+    return [work(thing) for thing in things]
