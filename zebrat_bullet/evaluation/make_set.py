@@ -17,7 +17,7 @@ from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint
 
 _REVERSALS = re.compile(r"reversals-(\d+)")
 # So many seeds of each family are tried before it is seen whether they suffice; fixed, for it says which are tried.
-_BATCH = 32
+_BATCH = 128
 
 
 @dataclass(frozen=True, kw_only=True)

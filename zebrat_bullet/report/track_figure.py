@@ -68,12 +68,18 @@ def _pack(sizes: list[tuple[float, float]]) -> tuple[list[tuple[float, float]], 
     for shelf_m in np.linspace(max(sizes[i][0] for i in rest), max(sum(sizes[i][0] for i in rest) / 2, 1.0), 40):
         corners, width, depth = _shelves(sizes, rest, begin, float(shelf_m))
         depth = max(depth, height)
-        if best is None or width * depth < best[1] * best[2]:
+        if best is None or _cost(width, depth) < _cost(best[1], best[2]):
             best = corners, width, depth
     assert best is not None
     corners, width, depth = best[0] | ({tall: (0.0, 0.0)} if column else {}), best[1], best[2] + _GAP_M
     placed = [(corners[i][0] + _GAP_M / 2, corners[i][1] + depth - _GAP_M / 2) for i in range(len(sizes))]
     return placed, (width + _GAP_M / 2, depth)
+
+
+def _cost(width: float, depth: float) -> float:
+    """Return the area of a sheet; of one more than twice as long as wide, that of the sheet half as wide as long."""
+    longer = max(width, depth)
+    return longer * max(min(width, depth), longer / 2.0)
 
 
 def _shelves(
