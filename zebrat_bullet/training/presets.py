@@ -63,13 +63,6 @@ def with_task(config: TrainConfig, robot: str, reward: str | None) -> TrainConfi
     return replace(config, task=task if reward is None else with_reward(task, reward))
 
 
-EVERY_FAMILY = (
-    *("mixed",) * 3,
-    *("manoeuvres",) * 3,
-    *("uturns",) * 2,
-    *("corridors", "corners", "curves", "uneven", "bottlenecks", "boxes", "niches", "deadends"),
-)
-
 _GENERAL = TrainConfig(
     learner=PPOConfig(
         hidden=(128, 128),
@@ -79,19 +72,20 @@ _GENERAL = TrainConfig(
         n_steps=32,
         batch_size=2048,
         n_epochs=3,
-        gamma=0.99,
+        gamma=0.98,
         reward_scale=0.01,
+        log_std_init=-0.4,
         least_std=0.1,
     ),
     worlds=(),
     steps=20_000_000,
     # A second thread gains little, and waits for its turn where another process keeps a core busy.
     threads=1,
-    planar=PlanarConfig(n_tracks=4000, families=EVERY_FAMILY, curriculum=0.01, margin_m=0.01, n_eval_tracks=320),
+    planar=PlanarConfig(n_tracks=5000, difficulty=0.8, n_eval_tracks=500),
     task=TaskConfig(
         observation=ObservationConfig(log_gaps=True),
         reward=RewardConfig(weights={"F": 1.0, "O": 0.1, "T": 1.0}, collision=-400.0, success=200.0, false_exit=-200.0),
-        episode=EpisodeConfig(start="either", max_steps=600),
+        episode=EpisodeConfig(start="anywhere", max_steps=600),
         noise=VLP16_NOISE,
         dynamics=RANDOM_DYNAMICS,
     ),
@@ -101,7 +95,7 @@ _QUICK = replace(
     _GENERAL,
     steps=None,
     max_minutes=4.75,
-    planar=PlanarConfig(n_tracks=640, families=EVERY_FAMILY, margin_m=0.01, n_eval_tracks=96, eval_every_steps=250_000),
+    planar=PlanarConfig(n_tracks=600, difficulty=0.8, n_eval_tracks=100, eval_every_steps=250_000),
 )
 
 TRAIN_PRESETS = {"paper": TrainConfig(), "general": _GENERAL, "quick": _QUICK}

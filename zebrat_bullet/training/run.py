@@ -132,7 +132,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
     robot = load_robot(config.task.robot)
     generate = partial(generate_tracks, family=planar.families, robot=robot, workers=workers)
-    worlds = [*map(load_world, config.worlds), *generate(range(planar.n_tracks))]
+    worlds = [*map(load_world, config.worlds), *generate(range(planar.n_tracks), difficulty=planar.difficulty)]
     eval_worlds = list(generate(range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)))
     cars = PlanarVecEnv(
         PlanarVectorEnv(planar.n_cars, worlds, task=config.task, device=planar.device, margin_m=planar.margin_m)

@@ -146,6 +146,7 @@ class PlanarConfig:
         device: "cpu" or "cuda", where they drive.
         n_tracks: generated tracks that join the run's worlds, of the seeds from 0 on.
         families: of these tracks, in turn; one that is named twice has twice as many.
+        difficulty: of these tracks, 0 to 1; None draws each one's (0.6 for `mixed`), as for the tracks of evaluations.
         curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there
             is something to learn (Sampling For Learnability); 0: all alike.
         margin_m: walls so near to the outline count as touched while it learns.
@@ -159,7 +160,8 @@ class PlanarConfig:
     device: str = "cpu"
     n_tracks: int = 2000
     families: tuple[str, ...] = ("mixed",)
-    curriculum: float = 0.03
+    difficulty: float | None = None
+    curriculum: float = 0.004
     margin_m: float = 0.02
     n_eval_tracks: int = 250
     n_eval_starts: int = 4
@@ -171,7 +173,7 @@ class PlanarConfig:
         if not self.families:
             raise ConfigError("planar.families is empty; name at least one family of tracks")
         for family in self.families:
-            check_family(family, None)
+            check_family(family, self.difficulty)
         if not 0 <= self.n_tracks <= VALIDATION_SEED:
             raise ConfigError(
                 f"planar.n_tracks must be 0 to {VALIDATION_SEED}, the seeds that are not kept for judging, "
