@@ -10,12 +10,13 @@ from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.config import to_json
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.generated import judge_generated
 from zebrat_bullet.training.presets import TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, PPOConfig, TrainConfig
-from zebrat_bullet.world import HELD_OUT_SEED
+from zebrat_bullet.world import HELD_OUT_SEED, World
 
 STEPS = 16 * 16
 
@@ -76,6 +77,35 @@ def test_tracks_that_are_judged_are_never_trained_on():
     assert VALIDATION_SEED < HELD_OUT_SEED
     with pytest.raises(ConfigError, match="not kept for judging"):
         PlanarConfig(n_tracks=VALIDATION_SEED + 1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"families": ("mixed", "corner")}, "no family of tracks 'corner': name one of mixed, corridors"),
+        ({"families": ()}, "planar.families is empty"),
+        ({"difficulty": 1.2}, "difficulty must be 0 .* got 1.2"),
+    ],
+)
+def test_tracks_that_there_are_not_are_refused(settings: dict[str, object], said: str):
+    with pytest.raises(ConfigError, match=said):
+        PlanarConfig(**settings)
+
+
+def test_a_run_learns_on_the_families_and_the_difficulty_that_it_names(tmp_path: Path, monkeypatch):
+    seen: list[list[World]] = []
+    make = PlanarVectorEnv.__init__
+
+    def note(self: PlanarVectorEnv, n_cars: int, worlds: list[World], **settings: object) -> None:
+        seen.append(worlds)
+        make(self, n_cars, worlds, **settings)
+
+    monkeypatch.setattr(PlanarVectorEnv, "__init__", note)
+    config = tiny()
+    planar = replace(config.planar, families=("corners", "uturns"), difficulty=0.25)
+    train(replace(config, planar=planar, steps=STEPS), tmp_path / "run")
+    assert [world.family for world in seen[0]] == ["corners", "uturns"] * 3
+    assert {world.difficulty for world in seen[0]} == {0.25}
 
 
 def test_an_algorithm_with_discrete_actions_is_refused_before_any_track_is_drawn(tmp_path: Path):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from zebrat_bullet import __version__
-from zebrat_bullet.cli import collisions, curves, driving, held_out, learning, parity, sweep, width
+from zebrat_bullet.cli import bench, collisions, curves, driving, held_out, learning, parity, sweep, width, worlds
 from zebrat_bullet.cli.common import PartialResultError, Run
 from zebrat_bullet.errors import ZebratError
 
@@ -77,6 +77,6 @@ def _parser() -> argparse.ArgumentParser:
         made.set_defaults(run=run)
         return made
 
-    for commands_of_a_kind in (learning, sweep, curves, driving, width, held_out, parity, collisions):
+    for commands_of_a_kind in (learning, sweep, curves, driving, worlds, bench, width, held_out, parity, collisions):
         commands_of_a_kind.add(command)
     return parser
