@@ -15,7 +15,7 @@ from zebrat_bullet.geometry import wall_segments
 from zebrat_bullet.report.track_figure import draw_worlds
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World, load_world, world_summary
+from zebrat_bullet.world import FAMILIES, World, generate_tracks, load_world, world_summary
 from zebrat_bullet.world.solid import extrude
 from zebrat_bullet.world.validate import open_width, start_area
 
@@ -198,6 +198,13 @@ def test_the_figure_of_all_tracks_is_drawn(tmp_path: Path) -> None:
     )
     image = np.asarray(Image.open(tmp_path / "tracks.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(image, axis=0)) > 20
+
+
+def test_a_figure_of_many_tracks_is_no_strip(tmp_path: Path) -> None:
+    tracks = [track for family in FAMILIES[1:] for track in generate_tracks([8], family=family, difficulty=0.7)]
+    draw_worlds(tracks, tmp_path / "tracks.png", ROBOT.footprint_base)
+    width, height = Image.open(tmp_path / "tracks.png").size
+    assert 0.45 < width / height < 2.2
 
 
 def test_a_prism_is_closed_also_where_corners_of_outline_and_hole_lie_on_one_line() -> None:

@@ -13,7 +13,7 @@ import trimesh
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.task.episode import anywhere_pose
+from zebrat_bullet.task.episode import draw_pose
 from zebrat_bullet.world import HELD_OUT_SEED, World, generate_track, generate_tracks, load_world, world_summary
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.generate import _check_closed
@@ -178,7 +178,7 @@ def test_the_walls_of_a_mixed_track_are_whole_all_along_but_for_the_exit(varied:
 def test_a_car_can_start_anywhere_along_a_mixed_track(varied: list[World]) -> None:
     rng = np.random.default_rng(0)
     for world in varied:
-        poses = [anywhere_pose(world, ROBOT, rng) for _ in range(6)]
+        poses = [draw_pose(world, ROBOT, "anywhere", rng) for _ in range(6)]
         assert not any(footprint_hits(world.walls, ROBOT.footprint_base, pose) for pose in poses)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, note, progress_bar
+from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, note, progress_bar, workers_option
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, ZebratError
 
@@ -74,7 +74,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(collisions)
+    made = command(collisions, workers_option())
     made.add_argument("--events", type=int, default=1000, help="contacts to drive for (default 1000)")
     made.add_argument("--worlds", nargs="+", default=["big_track", *TRACKS[4:]], metavar="WORLD")
     made.add_argument("--drivers", nargs="+", default=["random", "random-smooth", "policy"], metavar="DRIVER")
@@ -101,5 +101,4 @@ def add(command: AddCommand) -> None:
     made.add_argument(
         "--drives", type=Path, metavar="FOLDER", help="drives of an earlier --out, to count them otherwise"
     )
-    made.add_argument("--workers", type=int, help="processes (default: one a core)")
     made.add_argument("--no-video", action="store_true", help="leave out misses.mp4")

@@ -63,6 +63,37 @@ def reward_options() -> argparse.ArgumentParser:
     return made
 
 
+def agents_option() -> argparse.ArgumentParser:
+    """Return the option of one agent or several."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--agent",
+        required=True,
+        nargs="+",
+        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder",
+    )
+    return made
+
+
+def sim_option() -> argparse.ArgumentParser:
+    """Return the option of the simulator where planar cars may drive too."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--sim",
+        choices=("planar", "bullet"),
+        default="planar",
+        help="what policies drive in (default planar); other agents drive in PyBullet only. `evaluate`: of --set",
+    )
+    return made
+
+
+def workers_option() -> argparse.ArgumentParser:
+    """Return the option of how many processes share the work."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--workers", type=int, help="processes (default: one a core)")
+    return made
+
+
 def noisy_options() -> argparse.ArgumentParser:
     """Return the option of noise on the commands."""
     made = argparse.ArgumentParser(add_help=False)

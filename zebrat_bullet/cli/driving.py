@@ -9,13 +9,16 @@ from zebrat_bullet.cli.common import (
     TRACKS,
     AddCommand,
     Result,
+    agents_option,
     file_name,
     noisy_options,
     progress_bar,
     randomise_option,
     reward_options,
+    sim_option,
     task_of,
     task_options,
+    workers_option,
 )
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
 from zebrat_bullet.config import TaskConfig
@@ -133,12 +136,10 @@ def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(evaluate, task_options(), noisy_options(), randomise_option(), reward_options())
-    made.add_argument(
-        "--agent",
-        required=True,
-        nargs="+",
-        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder",
+    made = command(
+        evaluate,
+        *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
+        *(sim_option(), workers_option()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
@@ -151,16 +152,9 @@ def add(command: AddCommand) -> None:
     made.add_argument(
         "--set", metavar="NAME", help="instead: a held-out set (`zebrat sets` lists them), --episodes in each track"
     )
-    made.add_argument(
-        "--sim",
-        choices=("planar", "bullet"),
-        default="planar",
-        help="where --set is driven: policies on planar cars (default), any agent in PyBullet",
-    )
     made.add_argument("--tracks", type=int, help="only so many of --set, drawn from --seed (default: all)")
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
-    made.add_argument("--workers", type=int, help="processes (default: one a core)")
 
     made = command(replay)
     made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")

@@ -8,7 +8,15 @@ from pathlib import Path
 
 from rich.progress import TaskID
 
-from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, file_name, progress_bar, task_of
+from zebrat_bullet.cli.common import (
+    AddCommand,
+    PartialResultError,
+    Result,
+    file_name,
+    progress_bar,
+    task_of,
+    workers_option,
+)
 from zebrat_bullet.errors import ConfigError
 
 
@@ -135,7 +143,7 @@ def _workers(arguments: argparse.Namespace) -> int:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(sets)
+    made = command(sets, workers_option())
     made.add_argument("names", nargs="*", metavar="SET", help="names or files (default: all that are shipped)")
     made.add_argument(
         "--make", action="store_true", help="make them: families of tracks, or reversals-K, into the folder --out"
@@ -145,4 +153,3 @@ def add(command: AddCommand) -> None:
         "--families", nargs="+", default=["manoeuvres"], help="what reversals-K is drawn from (default manoeuvres)"
     )
     made.add_argument("--most-seeds", type=int, default=20_000, help="tried of each family (default 20000)")
-    made.add_argument("--workers", type=int, help="processes (default: one a core)")

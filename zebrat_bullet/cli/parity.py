@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.cli.common import AddCommand, Result, progress_bar
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, workers_option
 from zebrat_bullet.config import TaskConfig
 
 
@@ -37,7 +37,7 @@ def parity(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(parity)
+    made = command(parity, workers_option())
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="(default: all that are shipped)")
     made.add_argument("--agent", default="shipped", help="an unguided policy (default shipped)")
     made.add_argument(
@@ -45,4 +45,3 @@ def add(command: AddCommand) -> None:
     )
     made.add_argument("--drives", type=int, default=40, help="of 5 s, by each driver in each world (default 40)")
     made.add_argument("--poses", type=int, default=200, help="near the walls of each world (default 200)")
-    made.add_argument("--workers", type=int, help="processes (default: one a core)")

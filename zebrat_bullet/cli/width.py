@@ -7,12 +7,15 @@ from pathlib import Path
 from zebrat_bullet.cli.common import (
     AddCommand,
     Result,
+    agents_option,
     noisy_options,
     progress_bar,
     randomise_option,
     reward_options,
+    sim_option,
     task_of,
     task_options,
+    workers_option,
 )
 
 
@@ -54,22 +57,13 @@ def width(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(width, task_options(), noisy_options(), randomise_option(), reward_options())
-    made.add_argument(
-        "--agent",
-        required=True,
-        nargs="+",
-        help="as of `zebrat evaluate`; what --out holds already is kept and drawn too",
+    made = command(
+        width,
+        *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
+        *(sim_option(), workers_option()),
     )
     made.add_argument("--shapes", nargs="+", default=["straight", "45", "90", "180"], help="(default: all)")
     made.add_argument("--least-m", type=float, default=0.8, help="narrowest passage (default 0.8)")
     made.add_argument("--most-m", type=float, default=1.6, help="widest passage (default 1.6)")
     made.add_argument("--step-m", type=float, default=0.025, help="from width to width (default 0.025)")
     made.add_argument("--episodes", type=int, default=32, help="in each passage and sense (default 32)")
-    made.add_argument(
-        "--sim",
-        choices=("planar", "bullet"),
-        default="planar",
-        help="what policies drive in (default planar); all other agents always drive in PyBullet, far more slowly",
-    )
-    made.add_argument("--workers", type=int, help="processes (default: one a core)")

@@ -1,7 +1,8 @@
 """The commands about places and cars: worlds, robots."""
 
 import argparse
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +12,14 @@ from zebrat_bullet.cli.common import (
     Result,
     note,
 )
-from zebrat_bullet.errors import ConfigError, PlanError, WorldError
+from zebrat_bullet.errors import ConfigError, PlanError
 
 if TYPE_CHECKING:
     from zebrat_bullet.robot import RobotModel
+    from zebrat_bullet.world import World
+
+# Fewer are certified sooner than a process starts.
+_WORLDS_A_PROCESS = 20
 
 
 def worlds(arguments: argparse.Namespace) -> Result:
@@ -44,7 +49,7 @@ def worlds(arguments: argparse.Namespace) -> Result:
         write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
     text = worlds_table(result)
     if arguments.certify:
-        text += "\n\n" + "\n".join(_certify(arguments, world, result[world.name]) for world in loaded)
+        text += "\n\n" + "\n".join(_certify(loaded, robot, arguments.certify, result))
     return result, text
 
 
@@ -88,23 +93,26 @@ def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) 
     return paths
 
 
-def _certify(arguments: argparse.Namespace, world: Any, result: dict[str, Any]) -> str:
-    """Write a world's certificate, note it in the world's result, and return what it says."""
-    from zebrat_bullet.planning.certificate import save_certificate
-    from zebrat_bullet.planning.certify import certify
-    from zebrat_bullet.robot import load_robot
+def _certify(
+    worlds: "Sequence[World]", robot: "RobotModel", folder: Path, result: dict[str, dict[str, Any]]
+) -> Iterator[str]:
+    """Write the worlds' certificates, note them in the result of each, and yield what they say."""
+    from zebrat_bullet.planning.certificate import Certificate, save_certificate
+    from zebrat_bullet.planning.certify import certify_all
 
-    try:
-        certificate = certify(world, load_robot(arguments.robot))
-    except (PlanError, WorldError) as error:
-        proven = isinstance(error, PlanError) and error.proven
-        result.update(certificate=None, proven_impassable=proven)
-        return f"{world.name}: not certified, {'proven' if proven else 'not proven impassable'}: {error}"
-    result["certificate"] = str(save_certificate(certificate, arguments.certify))
-    return (
-        f"{world.name}: {certificate.length_m:.1f} m with {certificate.n_reversals} reversals lead out, at least "
-        f"{certificate.clearance_m:.3f} m from every wall; none takes less than {certificate.least_time_s:.1f} s"
-    )
+    workers = min(len(os.sched_getaffinity(0)), -(-len(worlds) // _WORLDS_A_PROCESS))
+    for world, answer in zip(worlds, certify_all(worlds, robot, workers=workers), strict=True):
+        if not isinstance(answer, Certificate):
+            proven = isinstance(answer, PlanError) and answer.proven
+            result[world.name].update(certificate=None, proven_impassable=proven)
+            yield f"{world.name}: not certified, {'proven' if proven else 'not proven impassable'}: {answer}"
+            continue
+        facts = {name: getattr(answer, name) for name in ("n_reversals", "clearance_m", "least_time_s")}
+        result[world.name].update(certificate=str(save_certificate(answer, folder)), **facts)
+        yield (
+            f"{world.name}: {answer.length_m:.1f} m with {answer.n_reversals} reversals lead out, at least "
+            f"{answer.clearance_m:.3f} m from every wall; none takes less than {answer.least_time_s:.1f} s"
+        )
 
 
 def add(command: AddCommand) -> None:

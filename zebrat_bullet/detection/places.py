@@ -8,7 +8,7 @@ import shapely
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.robot import RobotModel
-from zebrat_bullet.task.episode import anywhere_pose
+from zebrat_bullet.task.episode import draw_pose
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import Start, World, load_world
 from zebrat_bullet.world.solid import extrude, join
@@ -68,7 +68,7 @@ def free_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> Pose
         WorldError: none was found.
     """
     if len(world.centre_line):
-        return anywhere_pose(world, robot, rng)
+        return draw_pose(world, robot, "anywhere", rng)
     shapely.prepare(world.walls)
     low_x, low_y, high_x, high_y = world.free_space.bounds
     for _ in range(_TRIES):

@@ -1,6 +1,5 @@
 """Proof that a car can drive out of a world: a path that anyone can check, and a bound that no drive can beat."""
 
-import hashlib
 import json
 import math
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
+from zebrat_bullet.world.fingerprint import digest, rounded, rounded_rings, rounded_start
 
 CLOSELY_M = 1e-4
 """How closely the clearance of a path is known."""
@@ -250,18 +250,13 @@ def _lidar_xy(axle: NDArray[np.float64], robot: RobotModel) -> NDArray[np.float6
 
 def _digest(world: World, robot: RobotModel, physics: PhysicsConfig) -> str:
     """Return the SHA-256 of all numbers that a certificate rests on, to a micrometre."""
-
-    def rounded(values: object) -> list:
-        return (np.asarray(values, dtype=float).round(_DIGITS) + 0.0).tolist()
-
-    walls = shapely.transform(world.walls, lambda points: points.round(_DIGITS) + 0.0).normalize()
-    start = world.start
-    facts = [
-        [rounded(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shapely.get_parts(walls))],
-        rounded(world.open_line),
-        rounded([start.pose.x, start.pose.y, start.pose.yaw, start.range_x_m, start.range_y_m, start.range_yaw_rad]),
-        rounded(robot.footprint_base),
-        rounded([robot.wheelbase_m, robot.rear_axle_x_m, *robot.lidar_xyz_base[:2]]),
-        rounded([physics.max_steering_rad, physics.max_speed_mps]),
-    ]
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+    return digest(
+        [
+            rounded_rings(world.walls),
+            rounded(world.open_line),
+            rounded_start(world.start),
+            rounded(robot.footprint_base),
+            rounded([robot.wheelbase_m, robot.rear_axle_x_m, *robot.lidar_xyz_base[:2]]),
+            rounded([physics.max_steering_rad, physics.max_speed_mps]),
+        ]
+    )

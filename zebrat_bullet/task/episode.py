@@ -113,12 +113,6 @@ def anywhere_poses(world: World, robot: RobotModel, rng: np.random.Generator, n:
     raise WorldError(f"world {world.name!r}: no free poses along the centre line in {ANYWHERE_TRIES} tries")
 
 
-def anywhere_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> Pose2:
-    """Draw one such pose."""
-    ((x, y, yaw),) = anywhere_poses(world, robot, rng, 1).tolist()
-    return Pose2(x, y, yaw)
-
-
 def _placed(corners: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (n, K, 2) outlines in m of (K, 2) corners, base frame, at (n, 3) poses."""
     c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])

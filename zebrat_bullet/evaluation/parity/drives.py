@@ -15,7 +15,7 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.dynamics import draw_dynamics
-from zebrat_bullet.task.episode import anywhere_pose
+from zebrat_bullet.task.episode import draw_pose
 from zebrat_bullet.types import RobotState
 from zebrat_bullet.world import World, load_world
 
@@ -107,7 +107,7 @@ def _agent(job: DriveJob) -> Agent:
 def _drive(drive: Drive, agent: Agent, rng: np.random.Generator, n_steps: int) -> tuple[list, ...]:
     """Return what one drive adds to the fields of `Drives`, in their order."""
     agent.reset(int(rng.integers(2**31)))
-    reading = drive.reset(rng, pose=anywhere_pose(drive.world, drive.robot, rng))
+    reading = drive.reset(rng, pose=draw_pose(drive.world, drive.robot, "anywhere", rng))
     commands, states, level, rolling = [], [drive.state], [_look(drive, rng)], [reading.clearance.obs_m]
     for _ in range(n_steps):
         reading = drive.step(agent.act(reading)).reading
