@@ -52,7 +52,7 @@ def train(arguments: argparse.Namespace) -> Result:
     summary = summarise(folder)
     best = summary["best"]
     curve = "  ".join(f"{at['episode']}: {float(at['success']):.0%}" for at in evaluations(folder))
-    text = f"noise-free success after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
+    text = f"success in evaluations after so many episodes: {curve}\nbest policy: {best['success']:.0%} after episode "
     return summary, f"{text}{best['episode']:.0f}; curves and policies: {folder}"
 
 

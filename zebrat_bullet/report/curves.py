@@ -34,7 +34,7 @@ def draw_learning_curve(folder: Path, path: Path) -> None:
         [float(row["success"]) for row in evaluations],
         "o-",
         markersize=3,
-        label="noise-free success",
+        label="success in evaluations",
     )
     bottom.set(ylabel="success rate", xlabel="episode", ylim=(-0.03, 1.03))
     for axes in (top, bottom):

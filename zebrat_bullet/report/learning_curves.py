@@ -12,7 +12,7 @@ from zebrat_bullet.report.learning_runs import RunGroup, TrainingRun
 BLOCK = 20
 """Episodes of which the paper's training curve shows the best, and over which success and return are averaged."""
 GRID = 201
-PROGRESS = ("noise-free success", f"success of the last {BLOCK} episodes", f"return of the last {BLOCK} episodes")
+PROGRESS = ("success in evaluations", f"success of the last {BLOCK} episodes", f"return of the last {BLOCK} episodes")
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ def draw_curves(curves: Sequence[Curve], x_label: str, path: Path) -> None:
 
 
 def draw_reached(summaries: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw the noise-free success that each group reached: interquartile mean and mean with their intervals (PNG)."""
+    """Draw each group's success in evaluations: interquartile mean and mean with their intervals (PNG)."""
     figure, panels = _panels(1, len(_REACHED), height=1.2 + 0.45 * len(summaries))
     names = [f"{at['algo']} {at['reward']} {at['variant']}" for at in summaries]
     y = np.arange(len(names))
@@ -55,7 +55,7 @@ def draw_reached(summaries: Sequence[Mapping[str, Any]], path: Path) -> None:
             centres = [np.nan if at[key][name] is None else at[key][name] for at in summaries]
             axes.plot(centres, y + shift, marker, color=colour, markersize=5, label=label)
         axes.set(
-            title=title, xlabel="noise-free success, 95 % over seeds", xlim=(-0.03, 1.03), ylim=(len(y) - 0.5, -0.5)
+            title=title, xlabel="success in evaluations, 95 % over seeds", xlim=(-0.03, 1.03), ylim=(len(y) - 0.5, -0.5)
         )
         axes.set_yticks(y, names if axes is panels[0, 0] else [""] * len(names))
     panels[0, 0].legend(frameon=False, fontsize="small")
