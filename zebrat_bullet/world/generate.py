@@ -37,11 +37,12 @@ _DRAFTS: dict[str, Drafts] = {
     "bottlenecks": families.bottlenecks,
     "boxes": families.boxes,
     "niches": families.niches,
+    "narrowing": reversing.narrowing,
     "manoeuvres": reversing.manoeuvres,
     "deadends": reversing.deadends,
 }
 FAMILIES = tuple(_DRAFTS)
-_COURSE_M = dict.fromkeys(FAMILIES, (6.0, 15.0)) | dict.fromkeys(("manoeuvres", "deadends"), (4.0, 15.0))
+_COURSE_M = dict.fromkeys(FAMILIES, (6.0, 15.0)) | dict.fromkeys(("narrowing", "manoeuvres", "deadends"), (4.0, 15.0))
 _MIXED_DIFFICULTY = 0.6
 _MAX_TRIES = 200
 # So many seeds go to a process at a time.
