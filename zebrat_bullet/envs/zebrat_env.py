@@ -68,7 +68,7 @@ class ZebratEnv(gymnasium.Env):
             for each in self._worlds:
                 check_waypoints(each)
         self.drive = Drive(config, self._worlds[0])
-        self.spec_observation = observation_spec(config, self.drive.region, raw)
+        self.spec_observation = observation_spec(self.drive.config, self.drive.region, raw)
         self._discrete = discrete
         self.render_mode = render_mode
         self._renderer: Any = None

@@ -75,11 +75,14 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     data = CarData()
     data.dt, data.n_substeps = 1.0 / physics.rate_hz, physics.n_substeps
     data.wheelbase, data.half_track, data.axle_x = robot.wheelbase_m, robot.track_m / 2, robot.rear_axle_x_m
+    data.half_hinges, data.beside = robot.hinge_track_m / 2, robot.hinge_offset_m
+    least_radius, greatest_radius = sorted((robot.wheel_radius_m, robot.front_radius_m))
+    data.top = min(robot.wheel_speed_radps * least_radius, 1e6)
     data.farthest = float(np.hypot(*(outline - (robot.rear_axle_x_m, 0.0)).T).max())
     data.n_corners = len(outline)
     data.inverse_mass = 1.0 / (MASS_FACTOR * robot.rolling_mass_kg)
     data.inverse_inertia = 1.0 / (INERTIA_FACTOR * robot.yaw_inertia_kgm2)
-    data.motor_impulse = robot.wheel_effort_nm / robot.wheel_radius_m / physics.rate_hz
+    data.motor_impulse = robot.wheel_effort_nm / greatest_radius / physics.rate_hz
     data.grip_impulse = GRIP * robot.weight_n / 4.0 / physics.rate_hz
     data.hinge_step = robot.hinge_speed_radps / physics.rate_hz
     data.margin, data.near = margin_m, NEAR_M
