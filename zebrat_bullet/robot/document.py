@@ -55,8 +55,11 @@ class Document:
         self._check_tree()
         for element in [*self.links.values(), *self.joints.values()]:
             self._check_numbers(element)
+        self._unpainted: list[str] = []
         for link in self.links.values():
             self._find_meshes(link)
+        if self._unpainted:
+            self.notes.append(f"meshes that are only painted were not found and left out: {', '.join(self._unpainted)}")
 
     def _named(self, tag: str) -> dict[str, etree._Element]:
         found: dict[str, etree._Element] = {}
@@ -140,7 +143,7 @@ class Document:
                 continue
             said = f"link {link.get('name')}: no mesh at {shown(mesh.get('filename'))}"
             if shape.tag == "visual":
-                self.notes.append(f"{said}; it is only painted, and was left out")
+                self._unpainted.append(f"{link.get('name')} ({shown(mesh.get('filename'))})")
             else:
                 self.problems.append(f"{said}; put it there, or give <collision> a box")
             link.remove(shape)

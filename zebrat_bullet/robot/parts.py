@@ -129,5 +129,7 @@ def _freeze(parts: Parts) -> None:
         role = roles.get(id(joint))
         if role is None and joint.get("type") != "fixed":
             parts.moved.append(name)
+        if role in STEERING_JOINTS and joint.get("type") == "fixed" and joint.find("axis") is None:
+            joint.append(joint.makeelement("axis", {"xyz": "0 0 1"}))  # a hinge that is only painted has no axis
         kind = "fixed" if role is None else "revolute" if role in STEERING_JOINTS else "continuous"
         joint.set("type", kind)

@@ -50,8 +50,8 @@ def plain_car(chassis: Chassis, body: Body, motors: Motors, hinge_speed_radps: f
     hinges[:, 0], hinges[:, 2] = wheels[2:, 0], wheels[2:, 2]
     least = _LEAST_SHARE * (body.mass_kg + body.wheel_kg.sum() + body.knuckle_kg.sum())
     wheel_kg = np.maximum(axle_means(body.wheel_kg), least)
-    knuckle_kg = max(float(body.knuckle_kg.mean()), least)
-    mass = body.mass_kg + float(wheel_kg.sum()) + 2.0 * knuckle_kg
+    knuckle_kg = float(max(body.knuckle_kg.mean(), least))
+    mass = float(body.mass_kg + wheel_kg.sum() + 2.0 * knuckle_kg)
     rear_x = float(wheels[0, 0])
     top = float(max(body.points[:, 2].max(), radii.max()))
     bottom = min(max(float(body.points[:, 2].min()), 0.2 * float(radii.min())), 0.5 * top)
@@ -63,7 +63,7 @@ def plain_car(chassis: Chassis, body: Body, motors: Motors, hinge_speed_radps: f
     izz = body.mass_kg / 12.0 * (length**2 + width**2)
     yaw = izz + body.mass_kg * ((centre[0] - rear_x) ** 2 + centre[1] ** 2)
     yaw += knuckle_kg * sum((x - rear_x) ** 2 + y**2 for x, y, _ in hinges)
-    stiffness = mass * GRAVITY_MPS2 / 4.0 / (_SINK * float(radii.min()))
+    stiffness = float(mass * GRAVITY_MPS2 / 4.0 / (_SINK * float(radii.min())))
     parts = [_body_link(body.mass_kg, centre, (length, width, top - bottom))]
     spin = 0.0
     for k, (role, at, radius, kg) in enumerate(zip(WHEEL_JOINTS, wheels, radii, wheel_kg, strict=True)):

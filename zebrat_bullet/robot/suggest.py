@@ -68,7 +68,8 @@ def _other_kind(parts: Parts, hinges: list[str], wheels: list[str], steered: dic
             )
         return (
             f"It steers with no joint ({len(wheels)} wheels roll): a differential drive or skid steering, which cannot "
-            "drive here; only cars with two steered front wheels can"
+            "drive here, only cars with two steered front wheels can; if fixed joints stand for hinges and axles, name "
+            "them with --joints ROLE=NAME"
         )
     if len(hinges) == 1:
         return (
