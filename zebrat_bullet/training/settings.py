@@ -193,7 +193,7 @@ class TrainConfig:
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
             best model); empty to begin anew. It is judged first (which ends the run if it reaches `stop_at`), and
-            stays the best policy unless one is found that is no worse. Zips unpickle: name only files of your own.
+            stays the best policy unless one is found that is no worse. Its tensors alone are read.
         seed: of networks, exploration and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
         overlap: step the environments in processes of their own while the learner updates. The result is the same to
