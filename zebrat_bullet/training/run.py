@@ -15,7 +15,7 @@ import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from zebrat_bullet.config import TaskConfig, from_json, to_json
+from zebrat_bullet.config import TaskConfig, read_config, to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
@@ -70,7 +70,7 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     require_run(folder)
     if is_finished(folder):
         return
-    config = from_json(TrainConfig, (folder / "config.json").read_text())
+    config = read_config(TrainConfig, folder / "config.json")
     _run_where(config)(config, folder, on_progress, resume=True)
     _finish(folder)
 
