@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
+from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
@@ -44,23 +46,25 @@ def _load(name_or_path: str, task: TaskConfig) -> Agent:
         agent = FACTORIES[name](task, settings.split(",") if settings else [])
         agent.name = name_or_path
         return agent
-    if (Path(name_or_path) / "best.safetensors").is_file():
+    if is_file(Path(name_or_path) / "best.safetensors"):
         return load_policy(str(Path(name_or_path) / "best.safetensors"))
     try:
         return load_policy(name_or_path)
     except AssetError as error:
         known = ", ".join([*FACTORIES, *list_assets("policies", ".safetensors")])
         raise AssetError(
-            f"no agent {name_or_path!r}: name one of {known}, a .safetensors policy, or a training run folder"
+            f"no agent {shown(name_or_path)!r}: name one of {known}, a .safetensors policy, or a training run folder"
         ) from error
 
 
 def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
     """Refuse a policy whose inputs would mean something else on this car, though there be as many of them."""
-    trained_on = policy.provenance.get("config", {}).get("task", {}).get("robot", task.robot)
-    if trained_on == task.robot:
+    trained_on: Any = policy.provenance
+    for key in ("config", "task", "robot"):
+        trained_on = trained_on.get(key) if isinstance(trained_on, dict) else None
+    if trained_on in (None, task.robot):
         return
-    then, now = (make_region(load_robot(r), task.region, task.lidar.n_bearings) for r in (trained_on, task.robot))
+    then, now = (make_region(load_robot(str(r)), task.region, task.lidar.n_bearings) for r in (trained_on, task.robot))
     if (then.back, then.right, then.front, then.left) != (now.back, now.right, now.front, now.left):
         raise PolicyError(
             f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "

@@ -233,7 +233,19 @@ class PlanarDrive:
         return plain, {name: on_host(array).copy() for name, array in self._arrays().items()}
 
     def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Array:
-        """Go on where `state` was taken, and return the (N, size) observations there."""
+        """Go on where `state` was taken, and return the (N, size) observations there.
+
+        Raises:
+            ValueError, KeyError: these are not arrays of such cars; kernels would read beyond them.
+        """
+        for name, array in self._arrays().items():
+            given, now = arrays[name], on_host(array)
+            most = {"world": len(self.worlds) - 1, "start": N_STARTS - 1}.get(name, 2**31 - 1)
+            least = 0 if name in ("world", "start") else -(2**31)
+            if given.shape != now.shape or given.dtype != now.dtype:
+                raise ValueError(f"{name} must be {now.dtype} of shape {now.shape}, got {given.dtype} {given.shape}")
+            if given.size and not (least <= given.min() and given.max() <= most):
+                raise ValueError(f"{name} must be {least} to {most}, got {given.min()} to {given.max()}")
         for name, array in self._arrays().items():
             array[...] = like(arrays[name], array)
         self._n_steps = plain["n_steps"]
