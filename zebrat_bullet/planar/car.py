@@ -12,6 +12,7 @@ from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD
+from zebrat_bullet.sensing.sight import check_sight
 
 NEAR_M = 0.2
 """Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
@@ -65,6 +66,7 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
             f"{robot.urdf_path}: the lidar is mounted with roll and pitch {robot.lidar_rpy[:2].round(4).tolist()} rad, "
             "and a plane has neither; mount it level, or use PyBullet"
         )
+    check_sight(robot, task.lidar, task.flatten)
     physics, lidar, noise = task.physics, task.lidar, task.noise
     outline = np.asarray(robot.footprint_base)
     along = np.roll(outline, -1, axis=0) - outline

@@ -110,7 +110,9 @@ def _outline(
         return collision, outline, True
     others = _others(parts, chassis, setup.footprint == "hull" or not solid, solid, notes)
     outline = convex_outline(collision[:, :2]) if len(collision) else None
-    out = {name: points for name, points in others.items() if outline is None or _outside(outline, points) > _STANDS_OUT_M}
+    out = {
+        name: points for name, points in others.items() if outline is None or _outside(outline, points) > _STANDS_OUT_M
+    }
     if not out:
         return collision, outline, True
     points = np.vstack([collision, *(out if setup.footprint == "auto" else others).values()])
@@ -161,9 +163,7 @@ def _others(
     return found
 
 
-def _points(
-    parts: Parts, chassis: Chassis, name: str, kind: str, problems: list[str]
-) -> NDArray[np.float64]:
+def _points(parts: Parts, chassis: Chassis, name: str, kind: str, problems: list[str]) -> NDArray[np.float64]:
     """Return (P, 3) points of a link's shapes in the base frame; a mesh that cannot be read is noted."""
     placed = chassis.base_from_root @ parts.pose(name)
     found = [np.empty((0, 3))]

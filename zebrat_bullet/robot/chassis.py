@@ -177,7 +177,7 @@ def _size_problems(chassis: Chassis, rolling: list[Round]) -> list[str]:
     if not LEAST_WHEELBASE_M <= base <= MOST_WHEELBASE_M:
         hint = "lengths are in metres: scale it by 0.001" if base > MOST_WHEELBASE_M else "front wheels stand ahead"
         return [
-            f"the wheelbase is {base:.3f} m, between {LEAST_WHEELBASE_M} and {MOST_WHEELBASE_M} m can drive here; {hint}"
+            f"the wheelbase is {base:.3f} m, between {LEAST_WHEELBASE_M} and {MOST_WHEELBASE_M} m can drive; {hint}"
         ]
     problems, loose = [], max(_LOOSE * base, 2e-3)
     mirrored = wheels[1::2] * (1, -1, 1)
@@ -185,8 +185,8 @@ def _size_problems(chassis: Chassis, rolling: list[Round]) -> list[str]:
     for axle, apart in zip(("rear", "front"), off, strict=True):
         if apart > loose:
             problems.append(
-                f"left and right {axle} wheels must mirror each other within {loose:.4f} m, they are {apart:.4f} m off; "
-                "mend their <origin xyz>"
+                f"left and right {axle} wheels must mirror each other within {loose:.4f} m, they are {apart:.4f} m "
+                "off; mend their <origin xyz>"
             )
     for axle, pair in zip(("rear", "front"), (radii[:2], radii[2:]), strict=True):
         if np.ptp(pair) > _LOOSE * pair.max():

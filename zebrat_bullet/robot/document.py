@@ -220,7 +220,9 @@ def _read(setup: RobotSetup) -> etree._Element:
         if tag != "robot":
             raise RobotError(f"{shown(path)}: is <{shown(tag)}>, not <robot>; only URDF and xacro are read, convert it")
     data = read_bytes(path, RobotError, 16 * MB)
-    with refusing(path, RobotError, "cannot be read as a URDF", "it must be XML with a <robot>; check it with check_urdf"):
+    with refusing(
+        path, RobotError, "cannot be read as a URDF", "it must be XML with a <robot>; check it with check_urdf"
+    ):
         robot = etree.fromstring(data, etree.XMLParser(**_PARSER))
         if robot.tag != "robot":
             raise ValueError(f"its outermost element is <{shown(robot.tag)}>")

@@ -1,6 +1,6 @@
 """From a URDF to the numbers of a car: everything that is wrong with it is said at once, each with its mend."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from zebrat_bullet.files import shown
 from zebrat_bullet.robot.body import Body, find_body
 from zebrat_bullet.robot.chassis import Chassis, find_chassis
 from zebrat_bullet.robot.document import Document
-from zebrat_bullet.robot.model import ROLES, STEERING_JOINTS, WHEEL_JOINTS, RobotModel
+from zebrat_bullet.robot.model import LIDAR_JOINT, ROLES, STEERING_JOINTS, WHEEL_JOINTS, RobotModel
 from zebrat_bullet.robot.motors import MOST_HINGE_SPEED_RADPS, Motors, find_motors
 from zebrat_bullet.robot.parts import Parts, find_parts
 from zebrat_bullet.robot.plain import axle_means, mirrored, plain_car
@@ -26,7 +26,6 @@ class Inspection:
     """What was understood of a URDF, as far as it was.
 
     Attributes:
-        name: as it was asked for.
         setup: file and roles.
         problems: what forbids to drive it, each with its mend; none of a car that loads.
         notes: what was taken otherwise than it is written.
@@ -35,7 +34,6 @@ class Inspection:
         lidar_base: (3,) where the lidar stands in the base frame, None where it is not known.
     """
 
-    name: str
     setup: RobotSetup
     problems: list[str]
     notes: list[str]
@@ -76,14 +74,21 @@ def inspect_robot(name_or_path: str | Path) -> Inspection:
         AssetError: there is no such URDF.
         RobotError: it is no URDF at all.
     """
-    setup = robot_setup(name_or_path)
+    return _inspect(robot_setup(name_or_path))
+
+
+def _inspect(setup: RobotSetup) -> Inspection:
     document = Document(setup)
     types = {name: joint.get("type", "") for name, joint in document.joints.items()}
     parts = find_parts(document, setup)
-    seen = Inspection(str(name_or_path), setup, [*document.problems, *parts.problems], list(document.notes))
+    seen = Inspection(setup, [*document.problems, *parts.problems], list(document.notes))
     parts.urdf  # noqa: B018 (what cannot be read at all is refused here)
     if parts.missing:
-        seen.problems.insert(0, missing_roles(parts, types))
+        said, guess = missing_roles(parts, types, setup.roles)
+        seen.problems.insert(0, said)
+        if guess.keys() - {LIDAR_JOINT} and guess.keys() >= set(parts.missing) - {LIDAR_JOINT}:
+            _look_further(seen, guess)
+            return seen
     if any(role in parts.missing for role in ROLES[:-1]) or parts.problems:
         return seen
     seen.chassis, problems = find_chassis(parts, setup)
@@ -105,6 +110,16 @@ def inspect_robot(name_or_path: str | Path) -> Inspection:
     if not seen.problems and seen.body.outline is not None:
         seen.robot = _model(parts, seen, seen.chassis, seen.body, motors)
     return seen
+
+
+def _look_further(seen: Inspection, guess: dict[str, str]) -> None:
+    """Note what else there is to say of a car, if what could play the missing roles does."""
+    further = _inspect(replace(seen.setup, roles={**seen.setup.roles, **guess}))
+    lacking = (problem for problem in further.problems if not problem.startswith("lacks the joints"))
+    seen.problems += [problem for problem in lacking if problem not in seen.problems]
+    seen.notes, seen.chassis, seen.body, seen.lidar_base = (
+        further.notes, further.chassis, further.body, further.lidar_base
+    )  # fmt: skip
 
 
 def _model(parts: Parts, seen: Inspection, chassis: Chassis, body: Body, motors: Motors) -> RobotModel:

@@ -35,7 +35,9 @@ class Motors:
     as_written: bool
 
 
-def find_motors(parts: Parts, setup: RobotSetup, mass_kg: float, radius_m: float) -> tuple[Motors, list[str], list[str]]:
+def find_motors(
+    parts: Parts, setup: RobotSetup, mass_kg: float, radius_m: float
+) -> tuple[Motors, list[str], list[str]]:
     """Return the motors, what is wrong with them (each with its mend), and what was taken for lack of limits."""
     problems: list[str] = []
     notes: list[str] = []
@@ -59,12 +61,15 @@ def find_motors(parts: Parts, setup: RobotSetup, mass_kg: float, radius_m: float
         wrong = [called(r, parts.joints[r].get("name")) for r, v in written.items() if v is not None and v <= 0]
         if wrong:
             problems.append(
-                f"{', '.join(wrong)}: <limit> must have {limit} above 0; write what the motor gives, or say {setting}=..."
+                f"{', '.join(wrong)}: <limit> must have {limit} above 0; write what the motor gives, "
+                f"or say {setting}=..."
             )
         given = [value for value in written.values() if value is not None and value > 0]
         values[setting] = min(given, default=defaults[setting])
         if not given and not wrong and math.isfinite(values[setting]):
-            notes.append(f"no {limit} limit is written of {roles[0]} and its like; {setting}={values[setting]:.3g} is taken")
+            notes.append(
+                f"no {limit} limit is written of {roles[0]} and its like; {setting}={values[setting]:.3g} is taken"
+            )
     knuckle = setup.numbers.get("steering_limit_rad")
     if knuckle is None:
         knuckle = _knuckle_limit(parts, problems)
@@ -80,12 +85,14 @@ def _knuckle_limit(parts: Parts, problems: list[str]) -> float:
         if parts.types[role] not in ("revolute", "continuous", "fixed"):
             problems.append(f"{name} is {parts.types[role]}; make it revolute")
         elif parts.types[role] == "fixed" or lower is None or upper is None:
-            problems.append(f"{name} ({parts.types[role]}) has no limits; make it revolute with <limit lower upper>, or "
-                            "say steering_limit_rad=...")  # fmt: skip
+            problems.append(
+                f"{name} ({parts.types[role]}) has no limits; make it revolute with <limit lower upper>, or say "
+                "steering_limit_rad=..."
+            )
         elif min(-lower, upper) < LEAST_KNUCKLE_RAD:
             problems.append(
-                f"{name} turns from {lower} to {upper} rad, so it cannot steer to both sides; write its lower and upper "
-                "limits, or say steering_limit_rad=..."
+                f"{name} turns from {lower} to {upper} rad, so it cannot steer to both sides; write its lower and "
+                "upper limits, or say steering_limit_rad=..."
             )
         else:
             limits.append(min(upper, -lower))

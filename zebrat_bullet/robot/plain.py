@@ -42,7 +42,7 @@ def plain_car(chassis: Chassis, body: Body, motors: Motors, hinge_speed_radps: f
     """Return a symmetric car on the floor, with the axles, outline, masses and motors that were found.
 
     The body is its outline, extruded: nothing but that touches walls. Moments of inertia are those of the shapes, as
-    Bullet takes them. A wheel rolls on the crown of its tyre, and gives a little, so that four of them share the weight.
+    Bullet takes them. A wheel rolls on the crown of its tyre, and gives a little, so that all four share the weight.
     """
     assert body.outline is not None
     wheels, radii = mirrored(chassis.wheels), axle_means(chassis.radii)
@@ -130,7 +130,8 @@ def _wheel_link(role: str, kg: float, radius: float, stiffness: float) -> str:
         f'<link name="{role}_wheel"><contact><lateral_friction value="1.0"/><stiffness value="{stiffness!r}"/>'
         f'<damping value="{_DAMPING * stiffness!r}"/></contact>{_inertial(kg, "0 0 0", (across, about, across))}'
         f'<collision><origin rpy="{math.pi / 2!r} 0 0"/><geometry>'
-        f'<cylinder radius="{float(radius)!r}" length="{_WHEEL_WIDTH * float(radius)!r}"/></geometry></collision></link>'
+        f'<cylinder radius="{float(radius)!r}" length="{_WHEEL_WIDTH * float(radius)!r}"/></geometry></collision>'
+        "</link>"
     )
 
 

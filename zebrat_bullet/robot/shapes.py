@@ -58,7 +58,7 @@ def shape_points(shape: Collision) -> NDArray[np.float64]:
 def _mesh(file: Path) -> trimesh.Trimesh:
     require_file(file, RobotError, _MOST_MESH_BYTES)
     with refusing(file, RobotError, "is no mesh that can be read", "export it again as STL or OBJ"):
-        mesh = trimesh.load(file, force="mesh")
+        mesh: trimesh.Trimesh = trimesh.load(file, force="mesh")  # type: ignore[assignment]
         if not 3 <= len(mesh.vertices) <= _MOST_MESH_POINTS:
             raise ValueError(f"{len(mesh.vertices)} points, between 3 and {_MOST_MESH_POINTS} are read")
         if not np.isfinite(mesh.vertices).all():
@@ -88,8 +88,8 @@ def _round(shape: Collision, axle: NDArray[np.float64]) -> Round | str:
     if geometry.cylinder is not None:
         if np.linalg.norm(np.cross(pose[:3, 2], axle)) > _ACROSS:
             return (
-                "stands with its cylinder across its axle and cannot roll; turn the cylinder (<origin rpy>) so that its "
-                "axis, its own z, lies along the joint's <axis>"
+                "stands with its cylinder across its axle and cannot roll; turn the cylinder (<origin rpy>) so that "
+                "its axis, its own z, lies along the joint's <axis>"
             )
         return _about(axle, centre, float(geometry.cylinder.radius), float(geometry.cylinder.length))
     if geometry.sphere is not None:

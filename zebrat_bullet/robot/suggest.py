@@ -1,38 +1,46 @@
 """What kind of vehicle a URDF seems to be, by the axes of its joints, and which of them could play the roles."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.robot.model import LIDAR_JOINT, ROLES, STEERING_JOINTS, WHEEL_JOINTS
-from zebrat_bullet.robot.parts import Parts
+from zebrat_bullet.robot.parts import Parts, called
 
 _UPRIGHT = 0.8
 _LIDAR_WORDS = ("lidar", "laser", "velodyne", "hokuyo", "rplidar", "scan", "ouster", "livox", "vlp")
 
 
-def missing_roles(parts: Parts, types: dict[str, str]) -> str:
-    """Return what is said of roles that nothing plays: what they are, what the vehicle seems to be, what to write.
+def missing_roles(parts: Parts, types: dict[str, str], named: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+    """Return what is said of roles that nothing plays, and what could play them.
+
+    It says what they are, what the vehicle seems to be, and what to write.
 
     Args:
         parts: with at least one role missing.
         types: type of every joint as the file writes it.
+        named: the name that was looked for, of each role.
     """
-    kinds = {r: "revolute" if r in STEERING_JOINTS else "continuous" for r in ROLES} | {LIDAR_JOINT: "fixed, or a link"}
+    kinds = {r: "revolute" if r in STEERING_JOINTS else "continuous" for r in ROLES} | {
+        LIDAR_JOINT: "fixed, or any link"
+    }
     needed = ", ".join(f"{role} ({kind})" for role, kind in kinds.items())
-    said = f"lacks the joints {', '.join(parts.missing)}; a car-like robot needs {needed}"
+    lacking = ", ".join(called(role, named[role]) for role in parts.missing)
+    said = f"lacks the joints {lacking}; a car-like robot needs {needed}"
     hinges, wheels = _by_axis(parts, types)
     steered = {w: h for h in hinges for w in wheels if _child(parts, h) in parts.above(_child(parts, w))[:-1]}
     wheels_missing = [role for role in parts.missing if role != LIDAR_JOINT]
     if wheels_missing and (kind := _other_kind(parts, hinges, wheels, steered)):
-        return f"{said}. {kind}"
+        return f"{said}. {kind}", {}
     guess = _lidar_guess(parts) if LIDAR_JOINT in parts.missing else {}
     guess |= _guess(parts, hinges, wheels, steered)
     chosen = {role: guess[role] for role in parts.missing if role in guess}
     if chosen:
         words = " ".join(f"'{role}={name}'" for role, name in chosen.items())
-        return f"{said}. Name them; by their axes these could be meant: --joints {words}"
+        return f"{said}. Name them; by their axes these could be meant: --joints {words}", chosen
     there = ", ".join(list(parts.document.joints)[:30]) or "none"
-    return f"{said}. Name them with --joints ROLE=NAME; the joints there are: {there}"
+    return f"{said}. Name them with --joints ROLE=NAME; the joints there are: {there}", chosen
 
 
 def _child(parts: Parts, joint: str) -> str:
@@ -95,7 +103,7 @@ def _guess(parts: Parts, hinges: list[str], wheels: list[str], steered: dict[str
     def at(name: str) -> NDArray[np.float64]:
         return parts.pose(_child(parts, name))[:2, 3]
 
-    forward = sum(at(h) for h in hinges) - sum(at(w) for w in rear)
+    forward = np.sum([at(h) for h in hinges], axis=0) - np.sum([at(w) for w in rear], axis=0)
 
     def left_first(names: list[str]) -> list[str]:
         return sorted(names, key=lambda name: -float(forward[0] * at(name)[1] - forward[1] * at(name)[0]))

@@ -76,9 +76,7 @@ def _wheel_right(parts: Parts, role: str) -> bool:
     if len(shapes) != 1 or shapes[0].geometry.cylinder is None:
         return False
     pose = np.eye(4) if shapes[0].origin is None else shapes[0].origin
-    return bool(
-        np.allclose(np.abs(pose[:3, 2]), (0, 1, 0), atol=1e-3) and np.allclose(pose[:3, 3], 0.0, atol=_EXACT_M)
-    )
+    return bool(np.allclose(np.abs(pose[:3, 2]), (0, 1, 0), atol=1e-3) and np.allclose(pose[:3, 3], 0.0, atol=_EXACT_M))
 
 
 def written_inertia(parts: Parts, radius_m: float, axle_x_m: float) -> tuple[float, float, float]:
