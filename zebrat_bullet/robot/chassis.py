@@ -14,6 +14,7 @@ LEAST_WHEELBASE_M, MOST_WHEELBASE_M = 0.03, 10.0
 _ASKEW = 0.06
 """Sine of the angle by which an axis may stand askew; beyond, it is another axis."""
 _SNAP = 0.02
+_SIDES = np.array([1.0, -1.0, 1.0, -1.0])
 _LOOSE = 0.02
 """Part of the wheelbase by which what should be alike may differ: exported models are rounded, and not of one piece."""
 
@@ -55,12 +56,15 @@ def find_chassis(parts: Parts, setup: RobotSetup) -> tuple[Chassis | None, list[
     spins = np.array([axle[1] for axle in axles.values() if axle])
     rolling = [axle[2] for axle in axles.values() if axle]
     radii = np.array([one.radius_m for one in rolling])
-    turn = _base_axes(centres, problems)
+    along = np.array([one.along_m for one in rolling])
+    turn = _base_axes(centres + along[:, None] * spins, problems)
     if turn is None:
         return None, problems
     hinges = np.array([parts.pose(parts.child(role))[:3, 3] for role in STEERING_JOINTS])
     hinge_axes = np.array([parts.pose(parts.child(r))[:3, :3] @ parts.axis(r) for r in STEERING_JOINTS])
     centres, spins, hinges, hinge_axes = (rows @ turn.T for rows in (centres, spins, hinges, hinge_axes))
+    outside, apart = _outside_of_joints(along * spins[:, 1])
+    centres[:, 1] += outside * _SIDES
     shift = np.array([0.0, -float(centres[:, 1].mean()), -float((centres[:, 2] - radii).mean())])
     base_from_root = np.eye(4)
     base_from_root[:3, :3], base_from_root[:3, 3] = turn, shift
@@ -73,17 +77,29 @@ def find_chassis(parts: Parts, setup: RobotSetup) -> tuple[Chassis | None, list[
         widths=np.array([one.width_m for one in rolling]),
         hinges=hinges + shift,
         signs=signs,
-        notes=_frame_notes(base_from_root),
+        notes=_frame_notes(base_from_root)
+        + ([f"wheels with shapes {apart:.4f} m to one side of their joints were centred"] if apart > 1e-3 else []),
     )
     problems += _axis_problems(parts, spins, hinge_axes)
     problems += _size_problems(chassis, rolling)
     return chassis, problems
 
 
+def _outside_of_joints(left_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return (4,) how far outside of its joint each wheel stands, and by how much left and right differed.
+
+    Args:
+        left_m: (4,) how far to the left of its joint the shape of each wheel stands.
+    """
+    outside = left_m * _SIDES
+    means = np.repeat((outside[::2] + outside[1::2]) / 2.0, 2)
+    return means, float(np.abs(outside - means).max())
+
+
 def _axle(
     parts: Parts, setup: RobotSetup, role: str, problems: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Round] | None:
-    """Return centre and axle of a wheel in the root frame and its shape, or note why there is none."""
+    """Return joint and axle of a wheel in the root frame and its shape, or note why there is none."""
     name, link = called(role, parts.joints[role].get("name")), parts.child(role)
     pose, axis = parts.pose(link), parts.axis(role)
     if not np.linalg.norm(axis):
@@ -111,7 +127,7 @@ def _axle(
         problems.append(f"the wheel of {name} has the radius {shape.radius_m} m; write one above 0")
         return None
     spin = pose[:3, :3] @ axis
-    return pose[:3, 3] + shape.along_m * spin, spin, shape
+    return pose[:3, 3], spin, shape
 
 
 def _base_axes(centres: NDArray[np.float64], problems: list[str]) -> NDArray[np.float64] | None:

@@ -18,9 +18,9 @@ _EXACT_M = 1e-6
 def as_physics_needs(parts: Parts, setup: RobotSetup, chassis: Chassis, body: Body, motors: Motors) -> bool:
     """Return whether PyBullet can load the file as it is, and then drives the car that was understood.
 
-    Its root link has the mass, stands on the floor and looks ahead; every joint has its type and axis; the wheels are
-    thin cylinders centred on their axles and hinges, all of one radius and track; the footprint is that of the
-    collision shapes.
+    Every link has inertia and the root link mass; it stands on the floor and looks ahead; every joint has its type and
+    axis; the wheels are cylinders centred on their axles and hinges, all of one radius and track; the footprint is that
+    of the collision shapes.
     """
     return (
         setup.path.suffix == ".urdf"
@@ -32,7 +32,7 @@ def as_physics_needs(parts: Parts, setup: RobotSetup, chassis: Chassis, body: Bo
         and not parts.moved
         and setup.roles[LIDAR_JOINT] in parts.document.joints
         and _types_right(parts)
-        and _root_right(parts)
+        and _masses_right(parts)
         and _geometry_right(parts, chassis)
         and all(_wheel_right(parts, role) for role in WHEEL_JOINTS)
     )
@@ -48,9 +48,12 @@ def _types_right(parts: Parts) -> bool:
     )
 
 
-def _root_right(parts: Parts) -> bool:
+def _masses_right(parts: Parts) -> bool:
+    # Bullet gives a link without inertia 1 kg of its own accord.
+    if any(link.inertial is None for link in parts.urdf.link_map.values()):
+        return False
     inertial = parts.urdf.link_map[parts.document.root].inertial
-    if inertial is None or not inertial.mass:
+    if not inertial.mass:
         return False
     return inertial.origin is None or np.allclose(inertial.origin[:3, :3], np.eye(3), atol=1e-6)
 
