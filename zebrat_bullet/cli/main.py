@@ -19,7 +19,7 @@ _SEED_DIGITS = 18
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one `zebrat` command and return its status: 0; 1 after part of the work, 2 after a user's mistake, 3 after ours."""
+    """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = _parser().parse_args(argv)
     status = 0
     with _real_stdout() as stdout:
