@@ -123,7 +123,7 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("train", "--set", "bach_size=3", "--out", "/nonexistent/x"), "cannot set 'bach_size=3'"),
         (("train", "--resume", "--out", "/nonexistent/x"), "holds no training run"),
         (("train", "--resume", "--set", "episodes=3", "--out", "/nonexistent/x"), "keeps the settings"),
-        (("replay", "/nonexistent/x.npz"), "no whole zip archive"),
+        (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
     ],
 )
 def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):

@@ -403,6 +403,16 @@ def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
     return from_json(type(config), json.dumps(values))
 
 
+def with_settings_of(config: Config, path: Path, assignments: Sequence[str] = ()) -> Config:
+    """Return settings with some replaced by those of a YAML file, and further ones by "key=value" texts.
+
+    Raises:
+        ConfigError: as `overrides_of` and `with_overrides`; the message names the file.
+    """
+    with refusing(path, ConfigError, "holds settings that cannot be meant", "mend what it names"):
+        return with_overrides(config, [*overrides_of(path), *assignments])
+
+
 def overrides_of(path: Path) -> list[str]:
     """Return a YAML file of nested settings as "key=value" texts for `with_overrides`.
 

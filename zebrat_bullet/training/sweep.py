@@ -9,7 +9,7 @@ from typing import Any
 
 from zebrat_bullet.config import MOST_SEED, from_json, read_config, to_json, with_overrides, within
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.files import is_file, read_yaml, shown
+from zebrat_bullet.files import is_file, read_yaml, refusing, shown
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
@@ -67,12 +67,14 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """Return the settings of a sweep that a YAML (or JSON) file names.
 
     Raises:
-        ConfigError: it cannot be read, or names what no sweep has.
+        ConfigError: it cannot be read, names what no sweep has, or a value is none; the message names the file.
     """
     settings = read_yaml(path, ConfigError)
     known = [field.name for field in fields(Sweep)]
     if not isinstance(settings, dict) or not settings.keys() <= set(known):
         raise ConfigError(f"{path} must hold `key: value` lines with keys of {', '.join(known)}; got {shown(settings)}")
+    with refusing(path, ConfigError, "is no sweep", "mend what it names"):
+        sweep_of(settings)
     return settings
 
 
