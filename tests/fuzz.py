@@ -79,25 +79,27 @@ class TooSlowError(Exception):
     """Reading took too long."""
 
 
-def attack(door: Door, good: Path, seed: int) -> str:
-    """Spoil a copy of a good folder's file and read it; return "taken" or "refused".
+def attack(door: Door, good: Path, seed: int | None) -> str:
+    """Spoil a copy of a good folder's file, unless the seed is None, and read it; return "taken" or "refused".
 
     Raises:
         AssertionError: an error names no file, or is none of ours.
         TooSlowError: it took longer than `SECONDS`.
     """
-    chance = random.Random(seed)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "in"
         shutil.copytree(good, folder)
         path = folder / door.name
-        path.write_bytes(chance.choice(door.mutations)(path.read_bytes(), chance))
+        if seed is not None:
+            chance = random.Random(seed)
+            path.write_bytes(chance.choice(door.mutations)(path.read_bytes(), chance))
         signal.signal(signal.SIGALRM, _too_slow)
         signal.alarm(SECONDS)
         try:
             door.read(path)
             return "taken"
         except ZebratError as error:
+            assert seed is not None, f"a good file is refused: {error}"
             assert str(folder) in str(error) or path.stem in str(error), f"names no file: {error}"
             return "refused"
         finally:

@@ -139,7 +139,7 @@ def npz_values(data: bytes, chance: random.Random) -> bytes:
 
 def spoiled_array(array: np.ndarray, chance: random.Random) -> np.ndarray:
     """Return an array of another shape, type or content."""
-    numbers = array if array.dtype.kind in "biuf" else np.zeros(3)
+    numbers = np.atleast_1d(array) if array.dtype.kind in "biuf" else np.zeros(3)
     return chance.choice(
         [
             lambda: numbers[:0],
