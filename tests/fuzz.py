@@ -141,9 +141,9 @@ def _write(name: str, text: str, folder: Path) -> None:
 
 
 def _free_space(folder: Path) -> None:
-    ring = [[0, 0], [12, 0], [12, 1.4], [0, 1.4]]
-    world = {"name": "mine", "free_space": [ring], "centre_line": [[0.5, 0.7], [11, 0.7]]}
-    world |= {"open_line": [[9.0, 0.0], [9.0, 1.4]], "start": {"pose": [1.5, 0.7, 0.0]}}
+    ring = [[0, 0], [9, 0], [9, 1.4], [0, 1.4]]
+    world = {"name": "mine", "free_space": [ring], "centre_line": [[0.5, 0.7], [10.0, 0.7]]}
+    world |= {"open_line": [[9.0, 1.4], [9.0, 0.0]], "start": {"pose": [1.5, 0.7, 0.0]}}
     world |= {"obstacles": [{"post": [5.0, 0.2], "radius": 0.05}], "max_steps": 200}
     _write("world.yaml", yaml.safe_dump(world), folder)
 
