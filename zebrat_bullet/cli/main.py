@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one `zebrat` command and return its exit status: 0, 1 after part of the work, 2 after a user's mistake."""
     arguments = _parser().parse_args(argv)
     status = 0
+    warnings.formatwarning = lambda message, *_: f"zebrat: note: {message}\n"
     with _real_stdout() as stdout:
         try:
             result, text = arguments.run(arguments)
