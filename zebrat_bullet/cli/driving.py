@@ -12,6 +12,8 @@ from zebrat_bullet.cli.common import (
     agents_option,
     file_name,
     noisy_options,
+    place_options,
+    placed,
     progress_bar,
     randomise_option,
     reward_options,
@@ -48,7 +50,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         load_agent(agent, task_of(arguments))  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / "evaluate"
     every = {agent: _evaluate_one(arguments, agent, out / file_name(agent))[0] for agent in arguments.agent}
-    table = comparison_table(every)
+    table = comparison_table(every, _certified(arguments))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
@@ -60,9 +62,10 @@ def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tupl
     from zebrat_bullet.evaluation.judge import Judgement, judge
     from zebrat_bullet.report.tables import score_table
 
+    references = placed(arguments, arguments.worlds)
     what = Judgement(
         agent=agent,
-        worlds=tuple(arguments.worlds),
+        worlds=tuple(references),
         episodes=arguments.episodes,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
@@ -72,11 +75,17 @@ def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tupl
     )
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
-        scores = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
-    table = score_table(scores)
+        judged = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
+    scores = {world: judged[reference] for world, reference in zip(arguments.worlds, references, strict=True)}
+    table = score_table(scores, _certified(arguments))
     (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
     return scores, table
+
+
+def _certified(arguments: argparse.Namespace) -> bool:
+    """Return whether what is driven is what the shipped certificates are of."""
+    return arguments.robot == "zebrat" and arguments.start is None
 
 
 def replay(arguments: argparse.Namespace) -> Result:
@@ -84,12 +93,14 @@ def replay(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.config import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
+    from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
     record = load_record(arguments.record)
-    world = load_world(record.world)
-    drive = Drive(from_json(TaskConfig, record.task), world)
+    task = from_json(TaskConfig, record.task)
+    world = load_world(record.world, robot=load_robot(task.robot))
+    drive = Drive(task, world)
     again = replay_episode(drive, record, world)
     drive.close()
     result = {"exact": True, "outcome": again.outcome, "steps": len(again.reward), "world": again.world}
@@ -102,11 +113,13 @@ def video(arguments: argparse.Namespace) -> Result:
     """Drive one episode and write it as an MP4."""
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.evaluation.rollout import run_episode
+    from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
     task = task_of(arguments)
-    drive = Drive(task, load_world(arguments.world))
+    (reference,) = placed(arguments, [arguments.world])
+    drive = Drive(task, load_world(reference, robot=load_robot(task.robot)))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
@@ -122,13 +135,14 @@ def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
     from zebrat_bullet.world import load_world
 
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    robot = load_robot(arguments.robot)
     with progress_bar(arguments) as bar:
         shown = bar.add_task("drawing", total=None)
         write_video(
             record,
             arguments.out,
-            load_robot(arguments.robot),
-            load_world(record.world),
+            robot,
+            load_world(record.world, robot=robot),
             progress=lambda done, total: bar.update(shown, completed=done, total=total),
         )
     return arguments.out
@@ -139,7 +153,7 @@ def add(command: AddCommand) -> None:
     made = command(
         evaluate,
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
-        *(sim_option(), workers_option()),
+        *(sim_option(), workers_option(), place_options()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
@@ -159,7 +173,7 @@ def add(command: AddCommand) -> None:
     made = command(replay)
     made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
 
-    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options())
+    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options(), place_options())
     made.add_argument("--agent", default="shipped")
     made.add_argument("--world", default="big_track")
     made.add_argument("--episode", type=int, default=0, help="which episode of the seed")

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = _parser().parse_args(argv)
     status = 0
+    warnings.formatwarning = lambda message, *_: f"zebrat: note: {message}\n"
     with _real_stdout() as stdout:
         try:
             result, text = arguments.run(arguments)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, from_plain, with_reward
 from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.files import shown
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, observation_spec
 from zebrat_bullet.task.rewards import TERMS
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world import World, load_worlds
 
 RENDER_SIZE = (640, 480)
 
@@ -34,7 +35,10 @@ class ZebratEnv(gymnasium.Env):
     Each episode is a pure function of the seed given to `reset` and the number of resets since.
 
     Args:
-        world: a world's name, file or object, or several of them, of which each episode draws one.
+        world: a world's name, path or object, or several of them, of which each episode draws one.
+        start: where the car begins in a named world, exactly: a Pose2, or x, y in m and yaw in rad.
+        goal: x, y in m, what is to be reached in a named world without an open-space line.
+        exit: both ends of the open-space line of a named mesh or map.
         robot: the car, a name or a URDF file; None keeps the task's.
         reward: a preset name ("fomt", "fot", "ft", "wg", "wg_paper", with the observation that it needs) or a
             RewardConfig; None keeps the task's.
@@ -53,8 +57,11 @@ class ZebratEnv(gymnasium.Env):
 
     def __init__(
         self,
-        world: str | World | Sequence[str | World] = "big_track",
+        world: str | Path | World | Sequence[str | Path | World] = "big_track",
         *,
+        start: Pose2 | Sequence[float] | None = None,
+        goal: Pose2 | Sequence[float] | None = None,
+        exit: Sequence[Sequence[float]] | None = None,
         robot: str | Path | None = None,
         reward: str | RewardConfig | Mapping[str, Any] | None = None,
         caster: str | None = None,
@@ -67,10 +74,7 @@ class ZebratEnv(gymnasium.Env):
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         config = varied(task, robot, reward, caster, noise)
-        named = [world] if isinstance(world, str | World) else list(world)
-        self._worlds = [load_world(w) if isinstance(w, str) else w for w in named]
-        if not self._worlds:
-            raise ConfigError("world is an empty list; name at least one world")
+        self._worlds = load_worlds(world, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         if config.guided:
             for each in self._worlds:
                 check_waypoints(each)

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import shapely
+import shapely.ops
 from numpy.typing import NDArray
 
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.world import World
 
-_ROOM_M = 0.05
+_ROOM_M, _STEP_M = 0.05, 0.2
 _HEADINGS = np.radians(np.arange(0.0, 360.0, 15.0))
 _MOST_PLACES = 200
 
@@ -20,8 +21,21 @@ def free_start(world: World, footprint_base: NDArray[np.float64]) -> Pose2 | Non
 
     It looks as the world's start does where there is room to, else any way. None where the car fits nowhere.
     """
+    known = world.free_space.difference(world.unknown_ground)
+    # Rather among the walls than round them, and rather on the floor of the start than on another.
+    for ground in (known.intersection(world.walls.convex_hull), known, _every_floor(world)):
+        found = _free_on(ground, world, footprint_base)
+        if found is not None:
+            return found
+    return None
+
+
+def _every_floor(world: World) -> shapely.Geometry:
+    return shapely.union(world.walls, world.free_space).envelope.difference(world.walls).difference(world.unknown_ground)
+
+
+def _free_on(ground: shapely.Geometry, world: World, footprint_base: NDArray[np.float64]) -> Pose2 | None:
     pose, start = world.start.pose, world.start
-    ground = _ground(world)
     reach = float(np.hypot(*footprint_base.T).max()) + math.hypot(start.range_x_m, start.range_y_m) + _ROOM_M
     room = ground.buffer(-reach)
     if not room.is_empty:
@@ -29,22 +43,15 @@ def free_start(world: World, footprint_base: NDArray[np.float64]) -> Pose2 | Non
         return _rounded(point.x, point.y, pose.yaw)
     # No room to turn: look along narrow places, whatever way they lead.
     spine = ground.buffer(-float(np.ptp(footprint_base[:, 1])) / 2 - _ROOM_M)
-    places = shapely.get_coordinates(spine)
+    places = shapely.get_coordinates(spine.segmentize(_STEP_M))
     order = np.argsort(np.hypot(*(places - (pose.x, pose.y)).T), kind="stable")
     shapely.prepare(ground)
     for x, y in places[order[:: max(1, len(order) // _MOST_PLACES)]]:
         for turn in _HEADINGS:
-            found = _rounded(x, y, pose.yaw + turn)
+            found = _rounded(x, y, turn)
             if ground.contains(shapely.Polygon(to_world(footprint_base, found))):
                 return found
     return None
-
-
-def _ground(world: World) -> shapely.Geometry:
-    """Return the floor that is known, among the walls rather than round them."""
-    known = world.free_space.difference(world.unknown_ground)
-    among = known.intersection(world.walls.convex_hull)
-    return known if among.is_empty else among
 
 
 def _rounded(x: float, y: float, yaw: float) -> Pose2:

@@ -24,10 +24,11 @@ def require_winnable(world: World, source: str = "") -> None:
         WorldError: it is one; names the file and what to give.
     """
     if not world.can_be_won:
+        named = source or world.source or world.name
         raise WorldError(
-            f"{source or world.source or world.name}: goal: nothing can be reached in this world, so every episode would "
-            "fail; give it a goal (`goal: [x, y]` in its world file, --goal X Y, goal=(x, y)), an exit (open_line), or "
-            "a centre_line that ends at its first point (a circuit)"
+            f"{named}: goal: nothing can be reached in this world, so every episode would fail; give  it a goal "
+            "(`goal: [x, y]` in its world file, --goal X Y, goal=(x, y)), an exit (open_line), or a "
+            "centre_line that ends at its first point (a circuit)"
         )
 
 

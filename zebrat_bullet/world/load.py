@@ -62,6 +62,42 @@ def load_world(
     return replace(world, source=str(replace(reference, name=_source(path))))
 
 
+def load_worlds(
+    worlds: str | Path | World | Sequence[str | Path | World],
+    *,
+    start: Pose2 | Sequence[float] | None = None,
+    goal: Pose2 | Sequence[float] | None = None,
+    exit: Sequence[Sequence[float]] | None = None,
+    robot: RobotModel | None = None,
+) -> list[World]:
+    """Return one world or several, those that are named loaded with the car that must fit.
+
+    Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
+
+    Raises:
+        AssetError, WorldError: as `load_world`, or there is no world, or not one for the start, goal or exit.
+    """
+    named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
+    wrong = [each for each in named if not isinstance(each, str | Path | World)]
+    if not named or wrong:
+        raise WorldError(f"a world is a name, a path or a World, or a list of these with at least one, got {worlds!r}")
+    placed = start is not None or goal is not None or exit is not None
+    if placed and (len(named) > 1 or isinstance(named[0], World)):
+        raise WorldError("start, goal and exit go with one world by name or path; name them in each world's file")
+    loaded = [
+        each if isinstance(each, World) else load_world(each, start=start, goal=goal, exit=exit, robot=robot)
+        for each in named
+    ]
+    for world in loaded:
+        if not world.can_be_won:
+            warnings.warn(
+                f"world {world.name!r} has neither exit nor goal, so no episode in it can succeed; name a goal",
+                WorldNote,
+                stacklevel=2,
+            )
+    return loaded
+
+
 def sketch_world(
     name_or_path: str | Path,
     *,
@@ -99,7 +135,9 @@ def _varied(spec: WorldSpec, reference: WorldReference, source: str) -> WorldSpe
         changes["waypoints"], changes["goal"] = [tuple(reference.goal)], None
     if reference.exit is not None:
         if spec.mesh is None and spec.map is None:
-            raise WorldError(f"{source}: exit: only a mesh or map takes one; its segments or free_space say where it is")
+            raise WorldError(
+                f"{source}: exit: only a mesh or map takes one; its segments or free_space say where it is"
+            )
         x1, y1, x2, y2 = reference.exit
         changes["open_line"] = ((x1, y1), (x2, y2))
         if (x1, y1) == (x2, y2):
@@ -120,8 +158,8 @@ def _without_blind_line(world: World, spec: WorldSpec, robot: RobotModel) -> Wor
     if seen is None:
         return world
     said = (
-        f"open space is already seen at ({seen[0]:.2f}, {seen[1]:.2f}), before the exit, so reaching the goal is success "
-        "and open space is none"
+        f"open space is already seen at ({seen[0]:.2f}, {seen[1]:.2f}), before the exit, so reaching the goal is "
+        "success and seeing open space ends nothing"
     )
     return replace(world, open_line=None, gates=goal_gate(spec, world.waypoints), notes=(*world.notes, said))
 

@@ -34,13 +34,15 @@ def mesh_solids(closed: trimesh.Trimesh, surfaces: trimesh.Trimesh | None, thick
     if low.is_empty:
         return [Solid(part, 0.0, top) for part in polygons_of(every)]
     high = [Solid(part, 0.0, top) for part in polygons_of(every.difference(low))]
-    return high + [Solid(part, 0.0, _top_of(part, layers), low=True) for part in polygons_of(low)]
+    corners = np.vstack([body.vertices for body in (closed, surfaces) if body is not None])
+    corners = corners[(corners[:, 2] >= _CUTS_M[0]) & (corners[:, 2] < LOWEST_WALL_M)]
+    return high + [Solid(part, 0.0, _top_of(part, corners), low=True) for part in polygons_of(low)]
 
 
-def _top_of(part: shapely.Polygon, layers: list[shapely.Geometry]) -> float:
-    """Return the height of the highest cut that meets the middle of a low wall."""
-    point = part.representative_point()
-    return float(max((h for h, layer in zip(_CUTS_M, layers, strict=True) if layer.intersects(point)), default=0.1))
+def _top_of(part: shapely.Polygon, corners: NDArray[np.float64]) -> float:
+    """Return the height of a low wall: that of the highest of (C, 3) corners over it."""
+    over = shapely.intersects_xy(part.buffer(2 * _LEANS_M), *corners[:, :2].T)
+    return float(corners[over, 2].max(initial=_CUTS_M[0]))
 
 
 def _layer(
@@ -59,9 +61,7 @@ def _cut(body: trimesh.Trimesh, height_m: float) -> NDArray[np.float64]:
     """Return the (E, 2, 2) edges in which a mesh meets a level, the solid to the left of each."""
     if not len(body.faces):
         return np.empty((0, 2, 2))
-    edges, faces = trimesh.intersections.mesh_plane(
-        body, [0.0, 0.0, 1.0], [0.0, 0.0, height_m], return_faces=True
-    )
+    edges, faces = trimesh.intersections.mesh_plane(body, [0.0, 0.0, 1.0], [0.0, 0.0, height_m], return_faces=True)
     if not len(edges):
         return np.empty((0, 2, 2))
     flat = np.asarray(edges)[:, :, :2]

@@ -64,16 +64,16 @@ def read_mesh(path: Path, spec: WorldSpec) -> MeshWalls:
     solids = mesh_solids(closed, surfaces, spec.thickness_m)
     if not solids:
         raise WorldError(
-            f"{path}: mesh: no wall stands between {BAND_M[0]} and {BAND_M[1]} m, the heights that the scan is made of; "
+            f"{path}: mesh: no wall stands between {BAND_M[0]} and {BAND_M[1]} m, the heights of the scan; "
             f"{_extents(body)}; set `scale`, `up: y` or `offset: [0, 0, z]` in a world file so that its floor is z = 0"
         )
     low = [solid for solid in solids if solid.low]
     if low and not spec.low:
         x, y = low[0].outline.representative_point().coords[0]
         raise WorldError(
-            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.1f} m above the floor, and the lidar can "
-            f"lose what is lower than {BAND_M[1]} m; make it higher, or declare such walls with `low: true` in a world "
-            f"file; {_extents(body)}"
+            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.1f} m above the floor, and the lidar "
+            f"can lose what is lower than {BAND_M[1]} m; make it higher, or declare such walls with `low: true` in a "
+            f"world file; {_extents(body)}"
         )
     made = ExtrudedMesh(solids) if surfaces is not None else None
     mesh = Mesh(np.array(closed.vertices, dtype=np.float64), np.array(closed.faces, dtype=np.int32))
@@ -173,15 +173,17 @@ def _bodies(
     if standing and thickness_m is None:
         raise WorldError(
             f"{path}: mesh: not watertight, so a ray could pass through a wall: {len(standing)} of its {len(parts)} "
-            "parts are open; close its holes, merge double vertices and turn all faces outward (in Blender: Fill Holes, "
-            "Merge by Distance, Recalculate Normals), or make walls of its surfaces with `thickness_m: 0.1` in a world "
-            f"file; {_extents(body)}"
+            "parts are open; close its holes, merge double vertices and turn all faces outward (in Blender: Fill "
+            "Holes, Merge by Distance, Recalculate Normals), or make walls of its surfaces: `thickness_m: 0.1` in a "
+            f"world file; {_extents(body)}"
         )
     none = trimesh.Trimesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), process=False)
-    return (
-        trimesh.util.concatenate(closed) if closed else none,
-        trimesh.util.concatenate(standing) if standing else None,
-    )
+    return (_joined(closed) if closed else none), (_joined(standing) if standing else None)
+
+
+def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    made: trimesh.Trimesh = trimesh.util.concatenate(parts)  # type: ignore[assignment]
+    return made
 
 
 def _closed(body: trimesh.Trimesh) -> bool:

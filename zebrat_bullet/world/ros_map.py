@@ -179,8 +179,8 @@ def _cell_values(image: Image, spec: _MapFile) -> NDArray[np.int8]:
         free = known & (occupancy <= spec.free_thresh)
     else:
         # As map_server calculates: a cell that is just as dark as a threshold lies on the same side of it.
-        occupancy = (level if spec.negate else white - level) / white
-        occupied, free = occupancy > spec.occupied_thresh, occupancy < spec.free_thresh
+        darkness = (level if spec.negate else white - level) / white
+        occupied, free = darkness > spec.occupied_thresh, darkness < spec.free_thresh
         if spec.mode == "scale" and see_through is not None:
             occupied, free = occupied & ~see_through, free & ~see_through
     cells = np.full(level.shape, UNKNOWN, dtype=np.int8)
@@ -237,7 +237,7 @@ def _near(cells: NDArray[np.bool_], at: NDArray[np.float64], reach: float) -> sh
     column, row = (int(np.clip(np.floor(value), -n, max(cells.shape) + n)) for value in at)
     left, low = max(column - n, 0), max(row - n, 0)
     part = cells[low : max(row + n + 1, 0), left : max(column + n + 1, 0)]
-    return shapely.transform(_runs(part), lambda points: points + (left, low))
+    return shapely.transform(_runs(part), lambda points: points + np.array([left, low]))
 
 
 def _runs(cells: NDArray[np.bool_]) -> shapely.Geometry:

@@ -243,7 +243,7 @@ class WorldSpec(_Strict):
             raise ValueError("`free_space` needs a centre_line and an open_line, or else a goal")
         if self.centre_line is not None and not (self.open_line or ends):
             raise ValueError(
-                "centre_line needs an open_line that it leads out over, a goal, or to end at its first point (a circuit)"
+                "centre_line needs an open_line that it leads over, a goal, or an end at its first point (a circuit)"
             )
         if self.wall.boxes is not None and self.free_space is None:
             raise ValueError("wall.boxes go with `segments` or `free_space` only")
@@ -253,7 +253,9 @@ class WorldSpec(_Strict):
         owners = dict.fromkeys(("scale", "offset", "up", "thickness_m", "low"), "mesh") | {"unknown": "map"}
         stray = [key for key, owner in owners.items() if getattr(self, key) and owner != source]
         if stray:
-            raise ValueError(f"{', '.join(stray)}: for a `{owners[stray[0]]}` only, and this is a `{source}`: remove it")
+            raise ValueError(
+                f"{', '.join(stray)}: for a `{owners[stray[0]]}` only, and this is a `{source}`: remove it"
+            )
 
     def _check_points(self, key: str) -> None:
         points = getattr(self, key)

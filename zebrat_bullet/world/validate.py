@@ -111,13 +111,13 @@ def _check_gates(world: World, robot: RobotModel, source: str) -> None:
     strays = math.hypot(world.start.range_x_m, world.start.range_y_m)
     is_point = goal.length == 0
     if len(world.gates) == 1 and is_point and goal.distance(begin) <= REACHED_M + strays:
-        raise WorldError(
-            f"{source}: goal: the car already begins within {REACHED_M} m of it; move goal or start apart"
-        )
+        raise WorldError(f"{source}: goal: the car already begins within {REACHED_M} m of it; move goal or start apart")
     if not is_point:
         length = goal.length
         if length < float(np.ptp(robot.footprint_base[:, 1])):
-            raise WorldError(f"{source}: goal: its line is {length:.2f} m long, shorter than the car is wide; lengthen it")
+            raise WorldError(
+                f"{source}: goal: its line is {length:.2f} m long, shorter than the car is wide; lengthen it"
+            )
     half_width = float(np.ptp(robot.footprint_base[:, 1])) / 2
     whole = shapely.GeometryCollection([world.walls, goal, begin])
     floor = whole.envelope.buffer(_ROUND_WALLS_M, join_style="mitre").difference(world.walls)
@@ -181,9 +181,7 @@ def _check_open_space(world: World, open_line: NDArray[np.float64], robot: Robot
         )
 
 
-def open_space_too_early(
-    world: World, open_line: NDArray[np.float64], robot: RobotModel
-) -> NDArray[np.float64] | None:
+def open_space_too_early(world: World, open_line: NDArray[np.float64], robot: RobotModel) -> NDArray[np.float64] | None:
     """Return a (2,) position of the lidar before the open-space line where open space is seen, or None."""
     low = world.low_obstacles
     return _first_early(
