@@ -12,7 +12,7 @@ from typing import TextIO
 
 from zebrat_bullet import __version__
 from zebrat_bullet.cli import bench, collisions, curves, driving, held_out, learning, parity, sweep, width, worlds
-from zebrat_bullet.cli.common import PartialResultError, Run
+from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
 
@@ -26,6 +26,7 @@ def main(argv: list[str] | None = None) -> int:
     warnings.formatwarning = lambda message, *_: f"zebrat: note: {message}\n"
     with _real_stdout() as stdout:
         try:
+            name_robot(arguments)
             result, text = arguments.run(arguments)
         except PartialResultError as error:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
@@ -80,7 +81,6 @@ def _common_options() -> argparse.ArgumentParser:
     made.add_argument("--out", type=Path, help="file or folder to write")
     made.add_argument("--debug", action="store_true", help="a traceback where the program itself fails")
     made.add_argument("--quiet", action="store_true", help="no progress")
-    made.add_argument("--robot", default="zebrat", help="URDF name or file")
     return made
 
 
@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
-        parents = (_common_options(), *parents)  # made anew: a command may change its defaults
+        parents = (_common_options(), robot_options(), *parents)  # made anew: a command may change its defaults
         made = commands.add_parser(run.__name__, parents=parents, help=run.__doc__, description=run.__doc__)
         made.set_defaults(run=run)
         return made

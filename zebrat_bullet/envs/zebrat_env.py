@@ -80,7 +80,7 @@ class ZebratEnv(gymnasium.Env):
                 check_waypoints(each)
         self._closed = False
         self.drive = Drive(config, self._worlds[0])
-        self.spec_observation = observation_spec(config, self.drive.region, raw)
+        self.spec_observation = observation_spec(self.drive.config, self.drive.region, raw)
         self._discrete, self._raw = discrete, raw
         self.render_mode = render_mode
         self._renderer: Any = None

@@ -105,7 +105,9 @@ def make_set(
         seeds = range(first, min(first + _BATCH, HELD_OUT_SEED + recipe.most_seeds))
         batch: list[Candidate] = []
         for family in recipe.sources:
-            for candidate in _candidates(family, seeds, recipe, robot, folder / "candidates" / recipe.robot):
+            for candidate in _candidates(
+                family, seeds, recipe, robot, folder / "candidates" / Path(recipe.robot.partition(":")[0]).name
+            ):
                 tried += 1
                 batch += [candidate] if _belongs(candidate, recipe) else []
                 on_candidate(min(len(found) + len(batch), recipe.n_tracks), tried)

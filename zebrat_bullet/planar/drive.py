@@ -11,7 +11,7 @@ from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
@@ -92,6 +92,7 @@ class PlanarDrive:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
+        task = fitted(task)
         self.task, self.n_cars = task, n_cars
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)

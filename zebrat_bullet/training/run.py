@@ -21,7 +21,7 @@ from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import refusing
 from zebrat_bullet.planar.drive import PlanarDrive
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
@@ -54,6 +54,7 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     training_worlds(config.worlds, config.task)
     judging_worlds(config.eval_worlds, config.task)
     require_init(config)
+    config = replace(config, task=replace(config.task, robot=named_robot(config.task.robot)))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))

@@ -10,7 +10,7 @@ from typing import Any
 from zebrat_bullet.config import MOST_SEED, from_json, read_config, to_json, with_overrides, within
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_yaml, refusing, shown
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
@@ -57,7 +57,7 @@ class Sweep:
             raise ConfigError(f"a sweep has at most {MOST_RUNS} runs, these axes make {n_runs}; split it")
         # A worker of the cluster has another working directory.
         object.__setattr__(self, "worlds", tuple(_anywhere(world) for world in self.worlds))
-        object.__setattr__(self, "robot", _anywhere(self.robot))
+        object.__setattr__(self, "robot", named_robot(self.robot))
 
 
 def _anywhere(name_or_file: str) -> str:

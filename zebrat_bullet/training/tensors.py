@@ -58,8 +58,24 @@ def begin_with(model: BaseAlgorithm, path: Path) -> None:
         tensors: dict[str, Tensor] = {}
         for part in _names(model)[0]:
             state = _load_weights(archive.read(f"{part}.pth"))
+            _check_networks(path, part, recursive_getattr(model, part), state)
             tensors |= {f"{part}/{name}": tensor for name, tensor in _flat(state).items()}
         put_tensors(model, tensors)
+
+
+def _check_networks(path: Path, part: str, target: Any, state: Mapping[str, Any]) -> None:
+    """Refuse weights of other networks: of a car with other bearings, an other observation, or other layers."""
+    if isinstance(target, torch.optim.Optimizer):
+        return
+    ours = {name: tuple(tensor.shape) for name, tensor in target.state_dict().items()}
+    theirs = {name: tuple(getattr(tensor, "shape", ())) for name, tensor in state.items()}
+    differing = [name for name in ours if ours[name] != theirs.get(name)] or sorted(theirs.keys() - ours.keys())
+    if differing:
+        name = differing[0]
+        raise ConfigError(
+            f"{path}: holds other networks than this run: {part}.{name} is {theirs.get(name, 'absent')}, here "
+            f"{ours.get(name, 'absent')}; begin with a run of the same car, safety region, observation and `hidden`"
+        )
 
 
 def _names(model: BaseAlgorithm) -> tuple[list[str], list[str]]:
