@@ -52,7 +52,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         load_agent(agent, task)  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / "evaluate"
     every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
-    table = comparison_table(every, _certified(arguments))
+    table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
@@ -81,15 +81,15 @@ def _evaluate_one(
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
         judged = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
     scores = {world: judged[reference] for world, reference in zip(arguments.worlds, references, strict=True)}
-    table = score_table(scores, _certified(arguments))
+    table = score_table(scores, _certified(arguments, task))
     (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
     return scores, table
 
 
-def _certified(arguments: argparse.Namespace) -> bool:
+def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
     """Return whether what is driven is what the shipped certificates are of."""
-    return arguments.robot == "zebrat" and arguments.start is None
+    return task.robot == TaskConfig().robot and arguments.start is None
 
 
 def replay(arguments: argparse.Namespace) -> Result:
