@@ -373,6 +373,32 @@ def from_json(kind: type[Config], text: str) -> Config:
         raise ConfigError(f"not a valid {kind.__name__}: {shown(error, 1000)}") from error
 
 
+def from_plain(kind: type[Config], data: Config | Mapping[str, Any]) -> Config:
+    """Return settings of the given kind from plain data, as JSON and YAML hold them; what is left out is as by default.
+
+    Raises:
+        ConfigError: a name is unknown (the message lists those there are), or as `from_json`.
+    """
+    if isinstance(data, kind):
+        return data
+    if not isinstance(data, Mapping):
+        raise ConfigError(f"settings are a {kind.__name__} or a mapping of its fields, got {shown(data)!r}")
+    values = json.loads(to_json(kind()))
+    _update(values, data, kind.__name__)
+    with refusing(kind.__name__, ConfigError, "no plain data", "use numbers, texts, lists and mappings"):
+        return from_json(kind, json.dumps(values))
+
+
+def _update(values: dict[str, Any], data: Mapping[str, Any], where: str) -> None:
+    for name, value in data.items():
+        if name not in values:
+            raise ConfigError(f"{where} has no {shown(name)!r}; it has {', '.join(values)}")
+        if isinstance(values[name], dict) and isinstance(value, Mapping) and name != "weights":
+            _update(values[name], value, f"{where}.{name}")
+        else:
+            values[name] = value
+
+
 def read_config(kind: type[Config], path: Path) -> Config:
     """Read a settings dataclass of the given kind from a JSON file.
 
@@ -401,6 +427,16 @@ def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
             raise ConfigError(f"cannot set {assignment!r}: write key=value with a key of {known}")
         at[last] = parse_yaml(text, shown(assignment), ConfigError)
     return from_json(type(config), json.dumps(values))
+
+
+def with_settings_of(config: Config, path: Path, assignments: Sequence[str] = ()) -> Config:
+    """Return settings with some replaced by those of a YAML file, and further ones by "key=value" texts.
+
+    Raises:
+        ConfigError: as `overrides_of` and `with_overrides`; the message names the file.
+    """
+    with refusing(path, ConfigError, "holds settings that cannot be meant", "mend what it names"):
+        return with_overrides(config, [*overrides_of(path), *assignments])
 
 
 def overrides_of(path: Path) -> list[str]:

@@ -1,8 +1,9 @@
 """What the commands share: options, progress, notes."""
 
 import argparse
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -151,6 +152,40 @@ def randomise_option() -> argparse.ArgumentParser:
         help="dynamics drawn for each episode (RANDOM_DYNAMICS) and the noise of a VLP-16",
     )
     return made
+
+
+def place_options() -> argparse.ArgumentParser:
+    """Return the options of where the car begins and ends in one world."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--start", nargs=3, type=float, metavar=("X", "Y", "YAW"), help="begin there: m, m and degrees, 90 along y"
+    )
+    made.add_argument("--goal", nargs=2, type=float, metavar=("X", "Y"), help="what is to be reached, in m")
+    made.add_argument(
+        "--exit",
+        nargs=4,
+        type=float,
+        metavar=("X1", "Y1", "X2", "Y2"),
+        help="both ends of the line over which a mesh or map is left, in m",
+    )
+    return made
+
+
+def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:
+    """Return the worlds with the start, goal and exit of the options, which go with one world."""
+    from zebrat_bullet.world.reference import parse_reference
+
+    start, goal, exit = arguments.start, arguments.goal, arguments.exit
+    if start is None and goal is None and exit is None:
+        return list(worlds)
+    if len(worlds) != 1:
+        raise ConfigError(f"--start, --goal and --exit go with one world, got {len(worlds)}; name one")
+    reference = parse_reference(str(worlds[0])).with_places(
+        start=None if start is None else (start[0], start[1], math.radians(start[2])),
+        goal=goal,
+        exit=None if exit is None else (exit[:2], exit[2:]),
+    )
+    return [str(reference)]
 
 
 def task_of(arguments: argparse.Namespace) -> TaskConfig:

@@ -13,6 +13,8 @@ from zebrat_bullet.cli.common import (
     file_name,
     noisy_options,
     own_task_of,
+    place_options,
+    placed,
     progress_bar,
     randomise_option,
     reward_options,
@@ -50,7 +52,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         load_agent(agent, task)  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / "evaluate"
     every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
-    table = comparison_table(every)
+    table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
@@ -64,9 +66,10 @@ def _evaluate_one(
     from zebrat_bullet.evaluation.judge import Judgement, judge
     from zebrat_bullet.report.tables import score_table
 
+    references = placed(arguments, arguments.worlds)
     what = Judgement(
         agent=agent,
-        worlds=tuple(arguments.worlds),
+        worlds=tuple(references),
         episodes=arguments.episodes,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
@@ -76,11 +79,17 @@ def _evaluate_one(
     )
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
-        scores = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
-    table = score_table(scores)
+        judged = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
+    scores = {world: judged[reference] for world, reference in zip(arguments.worlds, references, strict=True)}
+    table = score_table(scores, _certified(arguments, task))
     (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
     return scores, table
+
+
+def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
+    """Return whether what is driven is what the shipped certificates are of."""
+    return task.robot == TaskConfig().robot and arguments.start is None
 
 
 def replay(arguments: argparse.Namespace) -> Result:
@@ -88,12 +97,14 @@ def replay(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.config import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
+    from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
     record = load_record(arguments.record)
-    world = load_world(record.world)
-    drive = Drive(from_json(TaskConfig, record.task), world)
+    task = from_json(TaskConfig, record.task)
+    world = load_world(record.world, robot=load_robot(task.robot))
+    drive = Drive(task, world)
     again = replay_episode(drive, record, world)
     drive.close()
     result = {"exact": True, "outcome": again.outcome, "steps": len(again.reward), "world": again.world}
@@ -106,12 +117,14 @@ def video(arguments: argparse.Namespace) -> Result:
     """Drive one episode and write it as an MP4."""
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.evaluation.rollout import run_episode
+    from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
     _sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
-    drive = Drive(task, load_world(arguments.world))
+    (reference,) = placed(arguments, [arguments.world])
+    drive = Drive(task, load_world(reference, robot=load_robot(task.robot)))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
@@ -140,13 +153,14 @@ def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
     from zebrat_bullet.world import load_world
 
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    robot = load_robot(from_json(TaskConfig, record.task).robot)
     with progress_bar(arguments) as bar:
         shown = bar.add_task("drawing", total=None)
         write_video(
             record,
             arguments.out,
-            load_robot(from_json(TaskConfig, record.task).robot),
-            load_world(record.world),
+            robot,
+            load_world(record.world, robot=robot),
             progress=lambda done, total: bar.update(shown, completed=done, total=total),
         )
     return arguments.out
@@ -157,7 +171,7 @@ def add(command: AddCommand) -> None:
     made = command(
         evaluate,
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
-        *(sim_option(), workers_option()),
+        *(sim_option(), workers_option(), place_options()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
@@ -184,7 +198,7 @@ def add(command: AddCommand) -> None:
     made = command(replay)
     made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
 
-    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options())
+    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options(), place_options())
     made.add_argument("--agent", default="shipped")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
     made.set_defaults(robot=None)

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,9 +20,10 @@ _SEED_DIGITS = 18
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one `zebrat` command and return its status: 0; 1 after part of the work, 2 after a user's mistake, 3 after ours."""
+    """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = _parser().parse_args(argv)
     status = 0
+    warnings.formatwarning = lambda message, *_: f"zebrat: note: {message}\n"
     with _real_stdout() as stdout:
         try:
             name_robot(arguments)

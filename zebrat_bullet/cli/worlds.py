@@ -1,8 +1,10 @@
 """The commands about places and cars: worlds, robots."""
 
 import argparse
+import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +14,11 @@ from zebrat_bullet.cli.common import (
     PartialResultError,
     Result,
     note,
+    place_options,
+    placed,
     robot_settings,
 )
-from zebrat_bullet.errors import ConfigError, PlanError, ZebratError
+from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
 
 if TYPE_CHECKING:
     from zebrat_bullet.config import SafetyRegionConfig
@@ -28,10 +32,11 @@ _WORLDS_A_PROCESS = 20
 def worlds(arguments: argparse.Namespace) -> Result:
     """List worlds with length, narrowest width and turns; generate, draw, certify them, write them as ROS maps."""
     from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
+    from zebrat_bullet.report.sketch import draw_sketches
     from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
     from zebrat_bullet.robot import load_robot
-    from zebrat_bullet.world import load_world, world_summary
+    from zebrat_bullet.world import world_summary
 
     robot = load_robot(arguments.robot)
     names: Sequence[str | Path] = arguments.names or list_assets("worlds", ".yaml")
@@ -41,12 +46,21 @@ def worlds(arguments: argparse.Namespace) -> Result:
         names, path = _generate(arguments, robot, folder), folder / "worlds.png"
     elif arguments.family or arguments.difficulty is not None:
         raise ConfigError("--family and --difficulty say what to --generate; add --generate N")
-    loaded = [load_world(name, robot=robot) for name in names]
-    result = {world.name: world_summary(world) for world in loaded}
-    if arguments.draw:
+    references = placed(arguments, [str(name) for name in names])
+    loaded, refusals = _load(arguments, references, robot)
+    if arguments.draw and loaded:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw_worlds(loaded, path, robot.footprint_base)
         note(arguments, f"drew {path}")
+    if refusals:
+        drawn = [sketch for sketch, _ in refusals if sketch is not None]
+        if arguments.draw and drawn:
+            path = path.with_stem(f"{path.stem}-refused") if loaded else path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw_sketches(drawn, path, robot.footprint_base)
+            note(arguments, f"drew what there is of the worlds that are refused: {path}")
+        raise WorldError("\n".join(str(error) for _, error in refusals))
+    result = {world.name: world_summary(world) for world in loaded}
     for world in loaded if arguments.map else ():
         ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
         write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
@@ -54,6 +68,31 @@ def worlds(arguments: argparse.Namespace) -> Result:
     if arguments.certify:
         text += "\n\n" + "\n".join(_certify(loaded, robot, arguments.certify, result))
     return result, text
+
+
+def _load(
+    arguments: argparse.Namespace, references: Sequence[str], robot: "RobotModel"
+) -> "tuple[list[World], list[tuple[World | None, WorldError]]]":
+    """Return the worlds that can be driven, their names told apart, and why the others cannot, each sketched."""
+    from zebrat_bullet.world import load_world, sketch_world, unique_names
+
+    loaded: list[World] = []
+    refusals: list[tuple[World | None, WorldError]] = []
+    for reference in references:
+        try:
+            world = load_world(reference, robot=robot)
+        except WorldError as error:
+            sketch = None
+            if arguments.draw:
+                with contextlib.suppress(WorldError):
+                    sketch = sketch_world(reference)
+            refusals.append((sketch, error))
+            continue
+        loaded.append(world)
+        if not world.can_be_won:
+            note(arguments, f"{world.name}: has neither exit nor goal, so no episode in it can succeed")
+    names = unique_names([world.name for world in loaded], [world.source for world in loaded])
+    return [replace(world, name=name) for world, name in zip(loaded, names, strict=True)], refusals
 
 
 def robots(arguments: argparse.Namespace) -> Result:
@@ -162,14 +201,18 @@ def _certify(
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(worlds)
+    made = command(worlds, place_options())
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
     made.add_argument(
         "--generate", type=int, metavar="N", help="instead: write tracks of N seeds from --seed on into --out FOLDER"
     )
     made.add_argument("--family", nargs="+", metavar="NAME", help="of these families each (default: mixed)")
     made.add_argument("--difficulty", type=float, help="0 to 1 (default: drawn for each track; mixed: 0.6)")
-    made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png (FOLDER/worlds.png)")
+    made.add_argument(
+        "--draw",
+        action="store_true",
+        help="draw them to scale into --out FILE.png (FOLDER/worlds.png); those refused too, with axes",
+    )
     made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
     made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
 

@@ -15,7 +15,7 @@ from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
-from zebrat_bullet.task.episode import EpisodeRules, draw_poses, open_lines
+from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_lines
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
@@ -123,6 +123,8 @@ class PlanarDrive:
         self.starts = np.concatenate([self.starts, *(self._draw_starts(world)[None] for world in worlds)])
         lines = open_lines(self.worlds) - self.sim.origin[:, None]
         self._lines = np.concatenate([getattr(self, "_lines", lines[:0]), lines[first:]])
+        gates = gates_of(self.worlds)
+        self._gates = None if gates is None else gates - self.sim.origin[:, None, None]
         self._max_steps = np.array([world.max_steps or self.task.episode.max_steps for world in self.worlds])
 
     def _draw_starts(self, world: World) -> NDArray[np.float64]:
@@ -217,7 +219,8 @@ class PlanarDrive:
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
-        self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world))
+        gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
+        self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges

@@ -155,6 +155,7 @@ def save_certificate(certificate: Certificate, folder: Path) -> Path:
     for i, pose in enumerate(certificate.path):
         text = text.replace(f'"@{i}"', json.dumps(pose))
     path = folder / f"{certificate.world}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + "\n")
     return path
 

@@ -15,10 +15,11 @@ from zebrat_bullet.robot import GRAVITY_MPS2, Inspection, RobotModel, within_lim
 from zebrat_bullet.sensing.safety_region import make_region
 
 
-def score_table(scores: Mapping[str, Score]) -> str:
+def score_table(scores: Mapping[str, Score], certified: bool = True) -> str:
     """Return one row a world: rates, the 95 % Wilson interval of success, mean time, and why the rest failed.
 
-    Beside the time stands the least that any drive can take, where the world has a certificate; the last column is
+    Beside the time stands the least that any drive can take, where the world has a certificate and is `certified`: with
+    this car, and begun where its own file says; the last column is
     what the agent was given beyond the lidar.
     """
     rows = [
@@ -26,13 +27,13 @@ def score_table(scores: Mapping[str, Score]) -> str:
         "| causes of the rest | beyond the lidar |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    return "\n".join(rows + [_row(world, score) for world, score in scores.items()])
+    return "\n".join(rows + [_row(world, score, certified) for world, score in scores.items()])
 
 
-def comparison_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
+def comparison_table(scores: Mapping[str, Mapping[str, Score]], certified: bool = True) -> str:
     """Return one row an agent and one column a world: the success rate, and the mean time of the successes in s.
 
-    The last row is the least time that any drive can take, where the world has a certificate.
+    The last row is the least time that any drive can take, where the world has a certificate; `certified` as above.
     """
     worlds = list(next(iter(scores.values())))
     rows = [
@@ -43,12 +44,12 @@ def comparison_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
         cells = [_cell(of_agent[world]) for world in worlds]
         given = ", ".join(of_agent[worlds[0]].privileged) or "-"
         rows.append(f"| {agent} | {given} | {' | '.join(cells)} |")
-    rows.append(f"| least possible | | {' | '.join(map(_least_time, worlds))} |")
+    rows.append(f"| least possible | | {' | '.join(_least_time(w, certified) for w in worlds)} |")
     return "\n".join(rows)
 
 
-def _least_time(world: str) -> str:
-    if Path(world).suffix:  # a user's own file
+def _least_time(world: str, certified: bool) -> str:
+    if not certified or Path(world).suffix:  # a user's own file
         return "-"
     try:
         return f"{load_certificate(world).least_time_s:.1f}"
@@ -132,11 +133,12 @@ def robots_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n".join([*rows, *([""] if notes else []), *notes])
 
 
-def _row(world: str, score: Score) -> str:
+def _row(world: str, score: Score, certified: bool) -> str:
     low, high = score.success_ci
     time = "-" if score.time_s is None else f"{score.time_s:.1f}"
     causes = ", ".join(f"{count} {cause}" for cause, count in score.causes.items() if cause != "success") or "-"
+    least = _least_time(world, certified)
     return (
         f"| {world} | {score.success:.0%} | {low:.0%}-{high:.0%} | {score.collision:.0%} | {score.fail:.0%} "
-        f"| {time} | {_least_time(world)} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
+        f"| {time} | {least} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
     )

@@ -13,7 +13,7 @@ from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.dynamics import draw_one
-from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, open_lines
+from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, gates_of, open_lines
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
 from zebrat_bullet.types import Command, Commands, Pose2, Reading, RobotState
@@ -98,7 +98,7 @@ class Drive:
         dynamics = draw_one(self.config.dynamics, dynamics_rng)
         self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode.start, rng), dynamics)
         max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
-        self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps)
+        self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps, gates_of([self.world]))
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
         self._n_steps = 0
         self._whole_scans = whole_scans

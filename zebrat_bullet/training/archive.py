@@ -22,6 +22,7 @@ def as_folder(path: Path) -> Iterator[Path]:
     if not is_file(path):
         yield path
         return
-    with TemporaryDirectory(prefix="zebrat-") as folder, open_zip(path, ConfigError, MOST_BYTES) as archive:
-        archive.extractall(folder)
+    with TemporaryDirectory(prefix="zebrat-") as folder:
+        with open_zip(path, ConfigError, MOST_BYTES) as archive:
+            archive.extractall(folder)
         yield Path(folder)

@@ -26,9 +26,10 @@ from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.cloning import Clone, CloneConfig, clone
 from zebrat_bullet.training.demonstrations import encode_pairs, labels_path, load_demonstrations, observation_of
 from zebrat_bullet.training.logs import rank
+from zebrat_bullet.training.places import judging_worlds
 from zebrat_bullet.training.run import run_versions
 from zebrat_bullet.types import Command, Reading
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world import World
 
 ITERATION_COLUMNS = (
     "iteration", "pairs", "best_epoch", "train_loss", "held_out_loss", "success", "collision", "fail", "time_s", "best",
@@ -148,7 +149,7 @@ class _Run:
         self._observation = observation_of(first)
         self._task = from_json(TaskConfig, first.task)
         names = dict.fromkeys(demonstration.record.world for demonstration in self._given)
-        self._worlds = {name: load_world(name) for name in names}
+        self._worlds = dict(zip(names, judging_worlds(list(names), self._task), strict=True))
         self._expert = load_agent(config.expert, self._task) if config.iterations else None
 
     def drive_on(self) -> None:
@@ -199,7 +200,7 @@ class _Run:
         n_pairs, episode = 0, 0
         while n_pairs < self._config.pairs:
             for name, world in self._worlds.items():
-                path = record_path(self._iteration_folder(iteration) / "records", name, episode)
+                path = record_path(self._iteration_folder(iteration) / "records", name, episode, list(self._worlds))
                 if not path.exists():
                     self._label(drive, agent, world, iteration, episode, path)
                 n_pairs += len(load_record(path).command)

@@ -25,13 +25,14 @@ from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learners import DISCRETE, build_learner
+from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
-from zebrat_bullet.world import generate_tracks, load_world
+from zebrat_bullet.world import generate_tracks
 
 STEPS_WITHOUT_END = 10**9
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
@@ -50,8 +51,8 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     """
     if has_checkpoint(folder) or is_finished(folder) or any((folder / name).exists() for name in POLICY_FILES):
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
-    for name in {*config.worlds, *config.eval_worlds}:
-        load_world(name)
+    training_worlds(config.worlds, config.task)
+    judging_worlds(config.eval_worlds, config.task)
     require_init(config)
     config = replace(config, task=replace(config.task, robot=named_robot(config.task.robot)))
     folder.mkdir(parents=True, exist_ok=True)
@@ -101,8 +102,8 @@ def _run_where(config: TrainConfig) -> Callable[..., None]:
 def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
     torch.set_num_threads(config.threads)
     algo = config.learner.algo
-    train_worlds = [load_world(name) for name in config.worlds]
-    eval_worlds = [load_world(name) for name in config.eval_worlds] or train_worlds[:1]
+    train_worlds = training_worlds(config.worlds, config.task)
+    eval_worlds = judging_worlds(config.eval_worlds, config.task) or train_worlds[:1]
     vec_env = make_vec_env(
         config.n_envs, config.overlap, world=train_worlds, task=config.task, discrete=algo in DISCRETE
     )
@@ -136,7 +137,10 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
     robot = load_robot(config.task.robot)
     generate = partial(generate_tracks, family=planar.families, robot=robot, workers=workers)
-    worlds = [*map(load_world, config.worlds), *generate(range(planar.n_tracks), difficulty=planar.difficulty)]
+    worlds = [
+        *training_worlds(config.worlds, config.task),
+        *generate(range(planar.n_tracks), difficulty=planar.difficulty),
+    ]
     eval_worlds = list(generate(range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)))
     cars = PlanarVecEnv(
         PlanarVectorEnv(planar.n_cars, worlds, task=config.task, device=planar.device, margin_m=planar.margin_m)

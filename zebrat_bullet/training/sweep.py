@@ -9,12 +9,13 @@ from typing import Any
 
 from zebrat_bullet.config import MOST_SEED, from_json, read_config, to_json, with_overrides, within
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.files import is_file, read_yaml, shown
+from zebrat_bullet.files import is_file, read_yaml, refusing, shown
 from zebrat_bullet.robot import load_robot, named_robot
+from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
-from zebrat_bullet.world import load_world
+from zebrat_bullet.world import parse_reference
 
 AXES = ("algos", "rewards", "worlds", "seeds")
 MANIFEST = "manifest.json"
@@ -67,12 +68,14 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """Return the settings of a sweep that a YAML (or JSON) file names.
 
     Raises:
-        ConfigError: it cannot be read, or names what no sweep has.
+        ConfigError: it cannot be read, names what no sweep has, or a value is none; the message names the file.
     """
     settings = read_yaml(path, ConfigError)
     known = [field.name for field in fields(Sweep)]
     if not isinstance(settings, dict) or not settings.keys() <= set(known):
         raise ConfigError(f"{path} must hold `key: value` lines with keys of {', '.join(known)}; got {shown(settings)}")
+    with refusing(path, ConfigError, "is no sweep", "mend what it names"):
+        sweep_of(settings)
     return settings
 
 
@@ -101,8 +104,9 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     runs = _runs(sweep, folder)
     a_run = next(iter(runs.values()))
     load_robot(a_run.task.robot)
-    for world in {*sweep.worlds, *a_run.worlds, *a_run.eval_worlds}:
-        load_world(world)
+    for names in dict.fromkeys(config.worlds for config in runs.values()):
+        training_worlds(names, a_run.task)
+    judging_worlds([*sweep.worlds, *a_run.eval_worlds], a_run.task)
     for run, config in runs.items():
         _refuse_other_settings(run, config)
     folder.mkdir(parents=True, exist_ok=True)
@@ -119,7 +123,7 @@ def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     training: list[tuple[str, ...]] = [(world,) for world in sweep.worlds]
     training = training or [TRAIN_PRESETS[sweep.preset].worlds]
     for algo, reward, worlds, seed in product(sweep.algos, sweep.rewards, training, sweep.seeds):
-        where = "+".join(dict.fromkeys(Path(world).stem for world in worlds)) or "generated"
+        where = "+".join(dict.fromkeys(Path(parse_reference(world).name).stem for world in worlds)) or "generated"
         run = folder / f"{algo}-{reward}-{where}-seed{seed}"
         if run in runs:
             raise ConfigError(
