@@ -367,8 +367,9 @@ def test_a_car_in_frames_of_its_own_is_painted_where_it_stands(tmp_path: Path) -
 
     knob = '<visual><origin xyz="0 0.2 0"/><geometry><sphere radius="0.01"/></geometry></visual>'
     turned = '<link name="root"/><joint name="t" type="fixed"><parent link="root"/><child link="base_link"/>'
+    turned += '<origin rpy="0 0 1.5707963" xyz="0 0 -1"/></joint>'
     car = OwnCar(
-        root='<link name="base_link">{inertial}{collision}</link>' + turned + '<origin rpy="0 0 1.5707963" xyz="0 0 -1"/></joint>',
+        root='<link name="base_link">{inertial}{collision}</link>' + turned,
         wheel=f"<collision>{CYLINDER}</collision>" + knob,
         wheel_origin="1.5707963 0 0",
         wheel_axis="0 0 -1",

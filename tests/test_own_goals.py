@@ -217,7 +217,7 @@ def test_an_exit_without_a_centre_line_leads_away_from_the_start(write: Write, t
 def test_start_and_goal_on_the_command_line_are_those_of_the_keywords_and_of_the_record(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write(IN_ROOM)if False else write(IN_ROOM + "goal: [6.5, 2]\n")
+    path = write(IN_ROOM) if False else write(IN_ROOM + "goal: [6.5, 2]\n")
     out = tmp_path / "out"
     options = ["--start", "2.0", "3.0", "-90", "--goal", "2", "1"]
     assert main(["evaluate", "--agent", "oracle", "--worlds", str(path), "--episodes", "1", "--workers", "1",
