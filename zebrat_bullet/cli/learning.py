@@ -13,12 +13,14 @@ from zebrat_bullet.cli.common import (
     file_name,
     noisy_options,
     note,
+    place_options,
+    placed,
     progress_bar,
     reward_options,
     task_of,
     task_options,
 )
-from zebrat_bullet.config import overrides_of, with_overrides
+from zebrat_bullet.config import with_overrides, with_settings_of
 from zebrat_bullet.errors import ConfigError
 
 
@@ -70,10 +72,12 @@ def _train_config(arguments: argparse.Namespace) -> Any:
     if arguments.algo:
         config = replace(config, learner=ALGORITHMS[arguments.algo])
     config = with_task(config, arguments.robot, arguments.reward)
-    if arguments.worlds:
-        config = replace(config, worlds=tuple(arguments.worlds))
-    from_file = overrides_of(arguments.config) if arguments.config else []
-    return with_overrides(config, [*from_file, *arguments.set])
+    worlds = placed(arguments, arguments.worlds or [])
+    if worlds:
+        config = replace(config, worlds=tuple(worlds))
+    if arguments.config:
+        return with_settings_of(config, arguments.config, arguments.set)
+    return with_overrides(config, arguments.set)
 
 
 def demonstrate(arguments: argparse.Namespace) -> Result:
@@ -91,7 +95,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
         shown = bar.add_task("pairs", total=arguments.pairs)
         done = demonstrate(
             agent,
-            arguments.worlds,
+            placed(arguments, arguments.worlds),
             arguments.pairs,
             out,
             task,
@@ -138,8 +142,9 @@ def teleop(arguments: argparse.Namespace) -> Result:
         outcomes.append(record.outcome)
         note(arguments, f"{record.outcome} after {record.duration_s:.1f} s: {path}")
 
+    (world,) = placed(arguments, [arguments.world])
     teleop(
-        arguments.world,
+        world,
         out,
         task_of(arguments),
         host=arguments.host,
@@ -154,7 +159,7 @@ def teleop(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(train, reward_options())
+    made = command(train, reward_options(), place_options())
     made.set_defaults(reward=None)
     made.add_argument("--preset", choices=("paper", "general", "quick"), default="paper")
     made.add_argument(
@@ -169,7 +174,7 @@ def add(command: AddCommand) -> None:
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 
-    made = command(demonstrate, task_options(), noisy_options(), reward_options())
+    made = command(demonstrate, task_options(), noisy_options(), reward_options(), place_options())
     made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
     made.add_argument(
         "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
@@ -194,7 +199,7 @@ def add(command: AddCommand) -> None:
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out")
 
-    made = command(teleop, task_options(), reward_options())
+    made = command(teleop, task_options(), reward_options(), place_options())
     made.add_argument("--world", default="big_track")
     made.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     made.add_argument("--port", type=int, default=8765, help="port to listen on, 0 for any that is free (default 8765)")

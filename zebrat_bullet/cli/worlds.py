@@ -1,21 +1,28 @@
 """The commands about places and cars: worlds, robots."""
 
 import argparse
+import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.cli.common import (
     AddCommand,
+    PartialResultError,
     Result,
     note,
+    place_options,
+    placed,
+    robot_settings,
 )
-from zebrat_bullet.errors import ConfigError, PlanError
+from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
 
 if TYPE_CHECKING:
-    from zebrat_bullet.robot import RobotModel
+    from zebrat_bullet.config import SafetyRegionConfig
+    from zebrat_bullet.robot import Inspection, RobotModel
     from zebrat_bullet.world import World
 
 # Fewer are certified sooner than a process starts.
@@ -25,10 +32,11 @@ _WORLDS_A_PROCESS = 20
 def worlds(arguments: argparse.Namespace) -> Result:
     """List worlds with length, narrowest width and turns; generate, draw, certify them, write them as ROS maps."""
     from zebrat_bullet.planning.grid import OccupancyGrid, write_ros_map
+    from zebrat_bullet.report.sketch import draw_sketches
     from zebrat_bullet.report.tables import worlds_table
     from zebrat_bullet.report.track_figure import draw_worlds
     from zebrat_bullet.robot import load_robot
-    from zebrat_bullet.world import load_world, world_summary
+    from zebrat_bullet.world import world_summary
 
     robot = load_robot(arguments.robot)
     names: Sequence[str | Path] = arguments.names or list_assets("worlds", ".yaml")
@@ -38,12 +46,21 @@ def worlds(arguments: argparse.Namespace) -> Result:
         names, path = _generate(arguments, robot, folder), folder / "worlds.png"
     elif arguments.family or arguments.difficulty is not None:
         raise ConfigError("--family and --difficulty say what to --generate; add --generate N")
-    loaded = [load_world(name, robot=robot) for name in names]
-    result = {world.name: world_summary(world) for world in loaded}
-    if arguments.draw:
+    references = placed(arguments, [str(name) for name in names])
+    loaded, refusals = _load(arguments, references, robot)
+    if arguments.draw and loaded:
         path.parent.mkdir(parents=True, exist_ok=True)
         draw_worlds(loaded, path, robot.footprint_base)
         note(arguments, f"drew {path}")
+    if refusals:
+        drawn = [sketch for sketch, _ in refusals if sketch is not None]
+        if arguments.draw and drawn:
+            path = path.with_stem(f"{path.stem}-refused") if loaded else path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw_sketches(drawn, path, robot.footprint_base)
+            note(arguments, f"drew what there is of the worlds that are refused: {path}")
+        raise WorldError("\n".join(str(error) for _, error in refusals))
+    result = {world.name: world_summary(world) for world in loaded}
     for world in loaded if arguments.map else ():
         ends = [(world.start.pose.x, world.start.pose.y), *world.waypoints]
         write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
@@ -53,22 +70,89 @@ def worlds(arguments: argparse.Namespace) -> Result:
     return result, text
 
 
+def _load(
+    arguments: argparse.Namespace, references: Sequence[str], robot: "RobotModel"
+) -> "tuple[list[World], list[tuple[World | None, WorldError]]]":
+    """Return the worlds that can be driven, their names told apart, and why the others cannot, each sketched."""
+    from zebrat_bullet.world import load_world, sketch_world, unique_names
+
+    loaded: list[World] = []
+    refusals: list[tuple[World | None, WorldError]] = []
+    for reference in references:
+        try:
+            world = load_world(reference, robot=robot)
+        except WorldError as error:
+            sketch = None
+            if arguments.draw:
+                with contextlib.suppress(WorldError):
+                    sketch = sketch_world(reference)
+            refusals.append((sketch, error))
+            continue
+        loaded.append(world)
+        if not world.can_be_won:
+            note(arguments, f"{world.name}: has neither exit nor goal, so no episode in it can succeed")
+    names = unique_names([world.name for world in loaded], [world.source for world in loaded])
+    return [replace(world, name=name) for world, name in zip(loaded, names, strict=True)], refusals
+
+
 def robots(arguments: argparse.Namespace) -> Result:
-    """List cars with size, turning radius, lidar mount and bearings; draw what each representation watches on them."""
+    """List cars: size, turning radius, lidar, bearings, and what is wrong with a URDF; draw what was understood."""
     from zebrat_bullet.config import LidarConfig, SafetyRegionConfig
     from zebrat_bullet.report.region_figure import draw_regions
-    from zebrat_bullet.report.tables import robot_summary, robots_table
-    from zebrat_bullet.robot import load_robot
+    from zebrat_bullet.report.tables import refused_summary, robot_summary, robots_table
+    from zebrat_bullet.robot import Inspection, named_robot, refusal
 
-    loaded = [(Path(name).stem, load_robot(name)) for name in arguments.names or list_assets("urdf", ".urdf")]
+    settings = robot_settings(arguments)
     config, n_bearings = SafetyRegionConfig(), LidarConfig().n_bearings
-    result = {name: robot_summary(robot, config, n_bearings) for name, robot in loaded}
-    if arguments.draw:
+    seen: dict[str, Inspection] = {}
+    unread: list[str] = []
+    for name in arguments.names or list_assets("urdf", ".urdf"):
+        try:
+            inspected = _inspected(named_robot(name, settings), config)
+        except ZebratError as error:  # the others are shown all the same
+            unread.append(str(error))
+            continue
+        seen[_robot_title(inspected, seen)] = inspected
+    result = {
+        name: robot_summary(at.robot, config, n_bearings) if at.robot else refused_summary(at)
+        for name, at in seen.items()
+    }
+    if arguments.draw and seen:
         path = arguments.out or Path("results") / "robots.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw_regions(loaded, config, path)
+        draw_regions(seen, config, path)
         note(arguments, f"drew {path}")
-    return result, robots_table(result)
+    text = robots_table(result)
+    refused = unread + [refusal(at) for at in seen.values() if at.robot is None]
+    if refused:
+        raise PartialResultError("\n".join(refused), (result, text))
+    return result, text
+
+
+def _inspected(name: str, config: "SafetyRegionConfig") -> "Inspection":
+    """Return what was understood of a car, its lidar's sight and its safety region among it."""
+    from zebrat_bullet.config import FlattenConfig, LidarConfig
+    from zebrat_bullet.robot import inspect_robot
+    from zebrat_bullet.sensing.safety_region import make_region
+    from zebrat_bullet.sensing.sight import check_sight
+
+    seen = inspect_robot(name)
+    if seen.robot is not None:
+        try:
+            check_sight(seen.robot, LidarConfig(), FlattenConfig())
+            make_region(seen.robot, config, LidarConfig().n_bearings)
+        except ZebratError as error:
+            seen.problems.append(str(error).removeprefix(f"{seen.robot.urdf_path}: "))
+            seen.robot = None
+    return seen
+
+
+def _robot_title(seen: "Inspection", others: "Mapping[str, Inspection]") -> str:
+    """Return the name of a car's file, with its folder's, or a number, where another is named so."""
+    path = seen.setup.path
+    stem = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    tries = [stem, f"{path.parent.name}/{stem}", *(f"{stem} {n}" for n in range(2, len(others) + 3))]
+    return next(title for title in tries if title not in others)
 
 
 def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) -> list[Path]:
@@ -117,17 +201,23 @@ def _certify(
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(worlds)
+    made = command(worlds, place_options())
     made.add_argument("names", nargs="*", metavar="WORLD", help="names or files (default: all that are shipped)")
     made.add_argument(
         "--generate", type=int, metavar="N", help="instead: write tracks of N seeds from --seed on into --out FOLDER"
     )
     made.add_argument("--family", nargs="+", metavar="NAME", help="of these families each (default: mixed)")
     made.add_argument("--difficulty", type=float, help="0 to 1 (default: drawn for each track; mixed: 0.6)")
-    made.add_argument("--draw", action="store_true", help="draw them to scale into --out FILE.png (FOLDER/worlds.png)")
+    made.add_argument(
+        "--draw",
+        action="store_true",
+        help="draw them to scale into --out FILE.png (FOLDER/worlds.png); those refused too, with axes",
+    )
     made.add_argument("--certify", type=Path, metavar="FOLDER", help="find a drive out of each, write the proof there")
     made.add_argument("--map", type=Path, metavar="FOLDER", help="write each as a ROS map, NAME.yaml and NAME.pgm")
 
     made = command(robots)
     made.add_argument("names", nargs="*", metavar="ROBOT", help="names or URDF files (default: all that are shipped)")
-    made.add_argument("--draw", action="store_true", help="draw what each representation watches into --out FILE.png")
+    made.add_argument(
+        "--draw", action="store_true", help="draw wheels, hinges, footprint, lidar and what is watched, into --out FILE"
+    )

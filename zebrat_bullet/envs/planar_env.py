@@ -1,6 +1,6 @@
 """A gymnasium VectorEnv of planar cars: wiring only. The task itself is `zebrat_bullet.planar.drive.PlanarDrive`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array, like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
-from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.types import Pose2
+from zebrat_bullet.world import World, load_worlds
 
 TERMINAL = np.array([False, *(outcome.terminal for outcome in OUTCOMES)])
 """By code of an outcome: whether the task itself ended, rather than being cut off."""
@@ -31,7 +32,7 @@ class PlanarVectorEnv(VectorEnv):
     Args:
         num_envs: cars.
         worlds: names, files or `World` objects, one or several; each episode draws one.
-        reward, noise, raw, task: as for `ZebratEnv`.
+        start, goal, exit, robot, reward, noise, raw, task: as for `ZebratEnv`.
         margin_m: as for `PlanarDrive`.
         device: "cpu" or "cuda". Observations, rewards and actions are NumPy arrays either way;
             `PlanarDrive` itself keeps them on the device.
@@ -47,18 +48,19 @@ class PlanarVectorEnv(VectorEnv):
         num_envs: int = 1,
         worlds: str | Path | World | Sequence[str | Path | World] = "big_track",
         *,
-        reward: str | RewardConfig | None = None,
-        noise: NoiseConfig | None = None,
+        start: Pose2 | Sequence[float] | None = None,
+        goal: Pose2 | Sequence[float] | None = None,
+        exit: Sequence[Sequence[float]] | None = None,
+        robot: str | Path | None = None,
+        reward: str | RewardConfig | Mapping[str, Any] | None = None,
+        noise: NoiseConfig | Mapping[str, Any] | None = None,
         raw: bool = False,
-        task: TaskConfig | None = None,
+        task: TaskConfig | Mapping[str, Any] | None = None,
         device: str = "cpu",
         margin_m: float = 0.0,
     ) -> None:
-        named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
-        if not named:
-            raise ConfigError("worlds is an empty list; name at least one world")
-        loaded = [world if isinstance(world, World) else load_world(world) for world in named]
-        config = varied(task or TaskConfig(), reward, None, noise)
+        config = varied(task, robot, reward, None, noise)
+        loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)

@@ -1,18 +1,20 @@
 """One judge for every agent: the same worlds, start poses, seeds and rules; episodes spread over the cores."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
-from zebrat_bullet.world import load_world
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.world import WorldNote, load_world, require_winnable, world_labels
 
 CHUNK = 5
 
@@ -44,6 +46,7 @@ class Judgement:
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise ConfigError(f"episodes must be at least 1, got {self.episodes}")
+        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0))
         if not self.worlds:
             raise ConfigError("name at least one world")
 
@@ -58,11 +61,12 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
         on_episode: called with the world's name after each episode that has ended.
 
     Raises:
-        ZebratError: the agent or a world cannot be loaded; nothing was driven then.
+        ZebratError: the agent or a world cannot be loaded, or not be won; nothing was driven then.
     """
     load_agent(what.agent, what.task)
+    robot = load_robot(what.task.robot)
     for world in what.worlds:
-        load_world(world)
+        require_winnable(load_world(world, robot=robot))
     jobs = [
         (what, world, range(first, min(first + CHUNK, what.episodes)))
         for world in what.worlds
@@ -78,15 +82,17 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
     return {world: score(sorted(records[world], key=lambda r: r.episode)) for world in what.worlds}
 
 
-def record_path(folder: Path, world: str, episode: int) -> Path:
-    """Return where the record of an episode in a world lies."""
-    return folder / Path(world).stem / f"episode_{episode:04d}.npz"
+def record_path(folder: Path, world: str, episode: int, worlds: Sequence[str] = ()) -> Path:
+    """Return where the record of an episode in a world, one of several perhaps of the same file name, lies."""
+    return folder / world_labels([*worlds, world])[world] / f"episode_{episode:04d}.npz"
 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
     records = []
-    for record in drive_episodes(what.agent, what.task, load_world(world), what.seed, episodes, what.action_noise):
+    warnings.simplefilter("ignore", WorldNote)  # said once, before the work was spread
+    place = load_world(world, robot=load_robot(what.task.robot))
+    for record in drive_episodes(what.agent, what.task, place, what.seed, episodes, what.action_noise):
         if what.records is not None:
-            save_record(record, record_path(what.records, world, record.episode))
+            save_record(record, record_path(what.records, world, record.episode, what.worlds))
         records.append(record)
     return world, records

@@ -11,11 +11,11 @@ from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
-from zebrat_bullet.task.episode import EpisodeRules, draw_poses, open_lines
+from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_lines
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
@@ -92,6 +92,7 @@ class PlanarDrive:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
+        task = fitted(task)
         self.task, self.n_cars = task, n_cars
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
@@ -122,6 +123,8 @@ class PlanarDrive:
         self.starts = np.concatenate([self.starts, *(self._draw_starts(world)[None] for world in worlds)])
         lines = open_lines(self.worlds) - self.sim.origin[:, None]
         self._lines = np.concatenate([getattr(self, "_lines", lines[:0]), lines[first:]])
+        gates = gates_of(self.worlds)
+        self._gates = None if gates is None else gates - self.sim.origin[:, None, None]
         self._max_steps = np.array([world.max_steps or self.task.episode.max_steps for world in self.worlds])
 
     def _draw_starts(self, world: World) -> NDArray[np.float64]:
@@ -216,7 +219,8 @@ class PlanarDrive:
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
-        self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world))
+        gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
+        self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges
@@ -232,7 +236,19 @@ class PlanarDrive:
         return plain, {name: on_host(array).copy() for name, array in self._arrays().items()}
 
     def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Array:
-        """Go on where `state` was taken, and return the (N, size) observations there."""
+        """Go on where `state` was taken, and return the (N, size) observations there.
+
+        Raises:
+            ValueError, KeyError: these are not arrays of such cars; kernels would read beyond them.
+        """
+        for name, array in self._arrays().items():
+            given, now = arrays[name], on_host(array)
+            most = {"world": len(self.worlds) - 1, "start": N_STARTS - 1}.get(name, 2**31 - 1)
+            least = 0 if name in ("world", "start") else -(2**31)
+            if given.shape != now.shape or given.dtype != now.dtype:
+                raise ValueError(f"{name} must be {now.dtype} of shape {now.shape}, got {given.dtype} {given.shape}")
+            if given.size and not (least <= given.min() and given.max() <= most):
+                raise ValueError(f"{name} must be {least} to {most}, got {given.min()} to {given.max()}")
         for name, array in self._arrays().items():
             array[...] = like(arrays[name], array)
         self._n_steps = plain["n_steps"]

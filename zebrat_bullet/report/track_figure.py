@@ -16,7 +16,7 @@ from zebrat_bullet.geometry import to_world
 from zebrat_bullet.world.summary import world_summary
 from zebrat_bullet.world.world import World
 
-_WALL, _FLOOR, _LINE, _CAR, _EXIT, _TEXT = "#2f3b4c", "#eef2f7", "#9fb0c5", "#e4572e", "#2a9d6f", "#5b6778"
+WALL, _FLOOR, _LINE, CAR, EXIT, _TEXT = "#2f3b4c", "#eef2f7", "#9fb0c5", "#e4572e", "#2a9d6f", "#5b6778"
 # Room round a track for the way out, and above it for its name, in m.
 _GAP_M, _TITLE_M = 1.5, 2.1
 _SCALE_BAR_M = 5.0
@@ -99,31 +99,34 @@ def _shelves(
 
 def _draw_track(axes: Axes, world: World, footprint: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
     if world.open_line is not None:
-        axes.add_patch(_patch(world.free_space, shift, facecolor=_FLOOR))
+        axes.add_patch(patch(world.free_space, shift, facecolor=_FLOOR))
     for wall in world.walls.geoms:
-        axes.add_patch(_patch(wall, shift, facecolor=_WALL, edgecolor="white", linewidth=0.3))
+        axes.add_patch(patch(wall, shift, facecolor=WALL, edgecolor="white", linewidth=0.3))
     if len(world.centre_line):
         axes.plot(*(world.centre_line + shift).T, color=_LINE, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2)
     if world.open_line is not None:
-        axes.plot(*(world.open_line + shift).T, color=_EXIT, linewidth=2.2, solid_capstyle="butt", zorder=3)
+        axes.plot(*(world.open_line + shift).T, color=EXIT, linewidth=2.2, solid_capstyle="butt", zorder=3)
         tip, tail = world.waypoints[-1] + shift, world.open_line.mean(axis=0) + shift
-        arrow = {"arrowstyle": "-|>", "color": _EXIT, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+        arrow = {"arrowstyle": "-|>", "color": EXIT, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", tip, tail, arrowprops=arrow, zorder=3)
+    for gate in world.gates:
+        axes.plot(*(gate + shift).T, color=EXIT, linewidth=2.2, marker="x", markersize=9, zorder=3)
     car = to_world(footprint, world.start.pose) + shift
-    axes.add_patch(Polygon(car, facecolor=_CAR, edgecolor="white", linewidth=0.6, zorder=4, joinstyle="round"))
+    axes.add_patch(Polygon(car, facecolor=CAR, edgecolor="white", linewidth=0.6, zorder=4, joinstyle="round"))
     nose = float(footprint[:, 0].max())
     mark = to_world(np.array([[nose - 0.15, 0.0], [nose - 0.45, 0.16], [nose - 0.45, -0.16]]), world.start.pose) + shift
     axes.add_patch(Polygon(mark, facecolor="white", zorder=5))
 
 
-def _patch(shape: shapely.Polygon, shift: NDArray[np.float64], **style: object) -> PathPatch:
+def patch(shape: shapely.Polygon, shift: NDArray[np.float64], **style: object) -> PathPatch:
+    """Return the patch of a polygon, moved by a (2,) shift in m, its holes left open."""
     rings = [Outline(np.array(ring.coords) + shift, closed=True) for ring in (shape.exterior, *shape.interiors)]
     return PathPatch(Outline.make_compound_path(*rings), **({"linewidth": 0.0} | style))
 
 
 def _draw_title(axes: Axes, world: World, left: float, top: float) -> None:
     facts = world_summary(world)
-    axes.text(left, top, world.name, fontsize=17, fontweight="bold", color=_WALL, va="top")
+    axes.text(left, top, world.name, fontsize=17, fontweight="bold", color=WALL, va="top")
     if facts["length_m"] is not None:
         line = f"{facts['length_m']:.1f} m long, narrowest {facts['narrowest_m']:.2f} m"
         axes.text(left, top - 0.95, line, fontsize=12, color=_TEXT, va="top")
@@ -131,7 +134,7 @@ def _draw_title(axes: Axes, world: World, left: float, top: float) -> None:
 
 def _draw_scale_bar(axes: Axes, width: float) -> None:
     right, y = width - _GAP_M / 2, 0.7
-    axes.plot([right - _SCALE_BAR_M, right], [y, y], color=_WALL, linewidth=2.5, solid_capstyle="butt")
+    axes.plot([right - _SCALE_BAR_M, right], [y, y], color=WALL, linewidth=2.5, solid_capstyle="butt")
     axes.text(
-        right - _SCALE_BAR_M / 2, y + 0.2, f"{_SCALE_BAR_M:.0f} m", fontsize=13, color=_WALL, ha="center", va="bottom"
+        right - _SCALE_BAR_M / 2, y + 0.2, f"{_SCALE_BAR_M:.0f} m", fontsize=13, color=WALL, ha="center", va="bottom"
     )

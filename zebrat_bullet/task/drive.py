@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.dynamics import draw_one
-from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, open_lines
+from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, gates_of, open_lines
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
 from zebrat_bullet.types import Command, Commands, Pose2, Reading, RobotState
@@ -44,15 +44,19 @@ class Drive:
         config: the task.
         world: where the first episode takes place; `reset` may name another.
 
+    Attributes:
+        config: the task, with the limits of the car where they are lower, and the car named for any folder.
+
     Raises:
         ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
-        RobotError: the URDF lacks a role.
+        RobotError: the URDF is none of a car, or its lidar sees no walls.
     """
 
     def __init__(self, config: TaskConfig, world: World) -> None:
         check_weights(config.reward)
         if config.guided:
             check_waypoints(world)
+        config = fitted(config)
         self.config = config
         self.world = world
         self.robot = load_robot(config.robot)
@@ -94,7 +98,7 @@ class Drive:
         dynamics = draw_one(self.config.dynamics, dynamics_rng)
         self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode.start, rng), dynamics)
         max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
-        self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps)
+        self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps, gates_of([self.world]))
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
         self._n_steps = 0
         self._whole_scans = whole_scans

@@ -15,6 +15,7 @@ from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World
+from zebrat_bullet.world.goal import GATES, REACHED_M
 
 ANYWHERE_MARGIN_M = 0.03
 ANYWHERE_TRIES = 200
@@ -124,6 +125,8 @@ class EpisodeRules:
     """Watches the episodes of N cars and says when each is over.
 
     A car is out once its lidar has crossed the open-space line, between its ends, from within; until it comes back.
+    In a world with gates instead of such a line its middle must reach them one after the other, and open space is
+    nothing that it could mistake for the exit. Who drives a lap the wrong way loses gates again.
 
     Args:
         config: the rules.
@@ -142,8 +145,9 @@ class EpisodeRules:
         self._out = xp.zeros((n,), dtype=xp.bool, device=device_of(poses))
         self._checked = xp.zeros((n, 2), **alike)
         self._past = xp.zeros((n,), **alike)
+        self._gates: dict[str, Array] = {}
 
-    def begin(self, cars: Array, poses: Array, open_lines: Array, max_steps: Array) -> None:
+    def begin(self, cars: Array, poses: Array, open_lines: Array, max_steps: Array, gates: Array | None = None) -> None:
         """Begin an episode of some cars.
 
         Args:
@@ -152,6 +156,8 @@ class EpisodeRules:
             open_lines: (K, 2, 2) m, the open-space lines of their worlds in the frame of the poses, the way out to the
                 right from first end to second; nan where a world has none.
             max_steps: (K,) their time-outs in control steps.
+            gates: (K, GATES, 2, 2) m, the gates of their worlds in the frame of the poses, nan where there is none;
+                None where no world has any.
         """
         self._line[cars], self._max_steps[cars] = open_lines, max_steps
         self._step[cars], self._checked[cars] = 0, poses[:, :2]
@@ -159,6 +165,10 @@ class EpisodeRules:
         within = self._beyond(poses[:, :2], open_lines)[0] <= 0
         past, between = self._beyond(self._lidar(poses), open_lines)
         self._past[cars], self._out[cars] = past, within & (past > 0) & between
+        if gates is not None:
+            self._begin_gates(cars, poses, gates)
+        elif self._gates:
+            self._gates["gates"][cars] = math.nan
 
     def judge(self, poses: Array, contact: Array, collision: Array, open_width_m: Array) -> Array:
         """Return the (N,) int8 codes of the outcomes after a control step; collision comes before open space.
@@ -179,9 +189,10 @@ class EpisodeRules:
         code = xp.where(self._step >= self._max_steps, _CODES[Outcome.TIMEOUT], code)
         code = xp.where(checks & (moved < config.stall_distance_m), _CODES[Outcome.STALL], code)
         sees_open = open_width_m > config.open_width_m
-        code = xp.where(sees_open, _CODES[Outcome.FALSE_EXIT], code)
+        heads_for_gate, there = self._follow_gates(poses)
+        code = xp.where(sees_open & ~heads_for_gate, _CODES[Outcome.FALSE_EXIT], code)
         is_out = self._out & (sees_open | (past >= config.out_m))
-        code = xp.where(is_out, _CODES[Outcome.SUCCESS], code)
+        code = xp.where(is_out | there, _CODES[Outcome.SUCCESS], code)
         return xp.where(contact | collision, _CODES[Outcome.COLLISION], code)
 
     def state(self) -> dict[str, Array]:
@@ -189,7 +200,44 @@ class EpisodeRules:
         return {
             **{"line": self._line, "max_steps": self._max_steps, "step": self._step},
             **{"out": self._out, "checked": self._checked, "past": self._past},
+            **self._gates,
         }
+
+    def _begin_gates(self, cars: Array, poses: Array, gates: Array) -> None:
+        if not self._gates:
+            xp, n = self._xp, len(self._line)
+            alike = {"dtype": poses.dtype, "device": device_of(poses)}
+            self._gates = {
+                "gates": xp.full((n, GATES, 2, 2), math.nan, **alike),
+                "last_xy": xp.zeros((n, 2), **alike),
+                "n_reached": xp.zeros((n,), dtype=xp.int32, device=device_of(poses)),
+            }
+        self._gates["gates"][cars], self._gates["last_xy"][cars] = gates, poses[:, :2]
+        self._gates["n_reached"][cars] = 0
+
+    def _follow_gates(self, poses: Array) -> tuple[Array, Array]:
+        """Return (N,) which cars drive to gates, and which have reached their last one."""
+        xp = self._xp
+        if not self._gates:
+            nowhere = xp.zeros(self._out.shape, dtype=xp.bool, device=device_of(self._out))
+            return nowhere, nowhere
+        gates, last, n_reached = (self._gates[name] for name in ("gates", "last_xy", "n_reached"))
+        each = xp.arange(len(gates), device=device_of(n_reached))
+        now = poses[:, :2]
+        ahead = self._meets(gates[each, n_reached % GATES], last, now)
+        behind = self._meets(gates[each, (n_reached - 2) % GATES], last, now)
+        n_reached[...] = n_reached + xp.where(ahead, 1, xp.where(behind, -1, 0))
+        last[...] = now
+        n_gates = (gates[:, :, 0, 0] == gates[:, :, 0, 0]).sum(-1)  # nan differs from itself
+        return n_gates > 0, (n_gates > 0) & (n_reached >= n_gates)
+
+    def _meets(self, gate: Array, last: Array, now: Array) -> Array:
+        """Return which of N moves from (N, 2) to (N, 2) cross their (N, 2, 2) line, or end near where it is a point."""
+        a, b = gate[:, 0], gate[:, 1]
+        crosses = ((_side(a, b, last) > 0) != (_side(a, b, now) > 0)) & (_side(last, now, a) * _side(last, now, b) <= 0)
+        is_point = (a == b).all(-1)
+        away = now - a
+        return crosses | (is_point & (self._xp.hypot(away[:, 0], away[:, 1]) <= REACHED_M))
 
     def _follow(self, poses: Array) -> Array:
         """Note which cars have crossed their line, and return how far past it, in m, each lidar is."""
@@ -212,6 +260,22 @@ class EpisodeRules:
         past = (along[:, 1] * from_end[:, 0] - along[:, 0] * from_end[:, 1]) / length
         at = (along[:, 0] * from_end[:, 0] + along[:, 1] * from_end[:, 1]) / length
         return past, (at > -LINE_MARGIN_M) & (at < length + LINE_MARGIN_M)
+
+
+def _side(a: Array, b: Array, point: Array) -> Array:
+    """Return (N,) twice the areas of triangles: above 0 where the point is to the left of the way from a to b."""
+    along, to = b - a, point - a
+    return along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]
+
+
+def gates_of(worlds: Sequence[World]) -> NDArray[np.float64] | None:
+    """Return the (W, GATES, 2, 2) gates of worlds, world frame, nan where there is none; None if no world has any."""
+    if not any(len(world.gates) for world in worlds):
+        return None
+    made = np.full((len(worlds), GATES, 2, 2), np.nan)
+    for row, world in zip(made, worlds, strict=True):
+        row[: len(world.gates)] = world.gates
+    return made
 
 
 def open_lines(worlds: Sequence[World]) -> NDArray[np.float64]:

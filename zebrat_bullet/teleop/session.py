@@ -13,6 +13,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.teleop.hub import Hub
 from zebrat_bullet.teleop.person import PersonAgent, RestartError, show_view
@@ -52,7 +53,7 @@ def teleop(
     """
     if episodes is not None and episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}; leave it out to drive until Ctrl-C")
-    drive = Drive(task, load_world(world))
+    drive = Drive(task, load_world(world, robot=load_robot(task.robot)))
     hub = Hub()
     server = TeleopServer(host, port, hub, _world_json(drive))
     on_ready(server.url)

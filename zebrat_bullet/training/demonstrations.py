@@ -18,11 +18,12 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.files import read_npy
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.archive import as_folder
+from zebrat_bullet.training.places import judging_worlds
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
-from zebrat_bullet.world import load_world
 
 MAX_FAILURES_IN_A_ROW = 20
 
@@ -86,7 +87,7 @@ def demonstrate(
         )
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
-    loaded = [load_world(name) for name in worlds]
+    loaded = judging_worlds(worlds, task)
     drive = Drive(task, loaded[0])
     done = {"pairs": 0, "episodes": 0, "successes": 0}
     failures = 0
@@ -94,7 +95,7 @@ def demonstrate(
         round_, i = divmod(done["episodes"], len(worlds))
         record = run_episode(drive, agent, seed, round_, loaded[i])
         kept = replace(record, scan_m=record.scan_m[:, :0]) if compact else record
-        save_record(kept, record_path(folder, worlds[i], round_))
+        save_record(kept, record_path(folder, worlds[i], round_, worlds))
         success = record.outcome == "success"
         failures = 0 if success else failures + 1
         done["episodes"] += 1
@@ -141,10 +142,11 @@ def _demonstrations(folder: Path) -> Iterator[Demonstration]:
     for path in sorted(folder.rglob("*.npz")):
         record = load_record(path)
         if labels_path(path).exists():
-            labels = np.load(labels_path(path), allow_pickle=False)
-            if labels.shape != record.command.shape:
+            labels = read_npy(labels_path(path), ZebratError)
+            if labels.shape != record.command.shape or labels.dtype.kind != "f" or not np.isfinite(labels).all():
                 raise ZebratError(
-                    f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}; label it again"
+                    f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}, and labels are "
+                    "finite numbers; label it again"
                 )
             yield Demonstration(record, labels)
         elif record.outcome == "success":

@@ -14,20 +14,22 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
-from zebrat_bullet.config import TaskConfig, from_json, to_json
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.config import MOST_SEED, TaskConfig, from_json, read_config, to_json, within
+from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.files import refusing
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.cloning import Clone, CloneConfig, clone
 from zebrat_bullet.training.demonstrations import encode_pairs, labels_path, load_demonstrations, observation_of
 from zebrat_bullet.training.logs import rank
+from zebrat_bullet.training.places import judging_worlds
 from zebrat_bullet.training.run import run_versions
 from zebrat_bullet.types import Command, Reading
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world import World
 
 ITERATION_COLUMNS = (
     "iteration", "pairs", "best_epoch", "train_loss", "held_out_loss", "success", "collision", "fail", "time_s", "best",
@@ -65,6 +67,7 @@ class ImitationConfig:
             raise ConfigError("iterations must be at least 0, pairs and eval_episodes at least 1")
         if self.iterations and not self.expert:
             raise ConfigError("DAgger needs an expert that labels what the learner meets: name one with --expert")
+        within(self, iterations=(0, 1000), pairs=(1, 10**8), eval_episodes=(1, 10_000), seed=(0, MOST_SEED))
         if not 0 <= self.beta <= 1:
             raise ConfigError(f"beta is a probability, got {self.beta}")
 
@@ -125,13 +128,15 @@ def resume_imitation(folder: Path, on_progress: Callable[[str], None] = lambda n
     """
     if not (folder / "config.json").is_file():
         raise ConfigError(f"{folder} holds no run (no config.json); name the folder given to `zebrat imitate`")
-    _Run(from_json(ImitationConfig, (folder / "config.json").read_text()), folder, on_progress).drive_on()
+    _Run(read_config(ImitationConfig, folder / "config.json"), folder, on_progress).drive_on()
 
 
 def iterations(folder: Path) -> list[dict[str, float | None]]:
     """Return what every finished iteration of a run came to, by column; `time_s` is None where nothing succeeded."""
-    rows = CsvLog(folder / "iterations.csv", ITERATION_COLUMNS).rows()
-    return [{name: float(value) if value else None for name, value in row.items()} for row in rows]
+    path = folder / "iterations.csv"
+    with refusing(path, ZebratError, "is not the log of this run", "restore it, or begin the run anew"):
+        rows = CsvLog(path, ITERATION_COLUMNS).rows()
+        return [{name: float(value) if value else None for name, value in row.items()} for row in rows]
 
 
 class _Run:
@@ -144,7 +149,7 @@ class _Run:
         self._observation = observation_of(first)
         self._task = from_json(TaskConfig, first.task)
         names = dict.fromkeys(demonstration.record.world for demonstration in self._given)
-        self._worlds = {name: load_world(name) for name in names}
+        self._worlds = dict(zip(names, judging_worlds(list(names), self._task), strict=True))
         self._expert = load_agent(config.expert, self._task) if config.iterations else None
 
     def drive_on(self) -> None:
@@ -195,7 +200,7 @@ class _Run:
         n_pairs, episode = 0, 0
         while n_pairs < self._config.pairs:
             for name, world in self._worlds.items():
-                path = record_path(self._iteration_folder(iteration) / "records", name, episode)
+                path = record_path(self._iteration_folder(iteration) / "records", name, episode, list(self._worlds))
                 if not path.exists():
                     self._label(drive, agent, world, iteration, episode, path)
                 n_pairs += len(load_record(path).command)

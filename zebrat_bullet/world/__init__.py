@@ -9,7 +9,9 @@ from zebrat_bullet.world.generate import (
     generate_track,
     generate_tracks,
 )
-from zebrat_bullet.world.load import load_world
+from zebrat_bullet.world.goal import require_winnable
+from zebrat_bullet.world.load import WorldNote, load_world, load_worlds, sketch_world
+from zebrat_bullet.world.reference import parse_reference, unique_names, world_labels
 from zebrat_bullet.world.summary import world_summary
 from zebrat_bullet.world.world import Mesh, Start, World
 
@@ -19,11 +21,18 @@ __all__ = [
     "Mesh",
     "Start",
     "World",
+    "WorldNote",
     "check_family",
     "difficulty_of",
     "generate_spec",
     "generate_track",
     "generate_tracks",
     "load_world",
+    "load_worlds",
+    "parse_reference",
+    "require_winnable",
+    "sketch_world",
+    "unique_names",
+    "world_labels",
     "world_summary",
 ]

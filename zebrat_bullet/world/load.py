@@ -1,58 +1,179 @@
 """One door to every world: shipped by name, a user's world file, mesh or ROS map by path."""
 
-import math
+import re
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from zebrat_bullet.assets import asset_folder, find_asset
+from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.build import build_world
-from zebrat_bullet.world.schema import StartSpec, WorldSpec, parse_spec, read_yaml
-from zebrat_bullet.world.sources import MESH_SUFFIXES
-from zebrat_bullet.world.validate import check_closed, validate_world
+from zebrat_bullet.world.build import build_world, goal_gate
+from zebrat_bullet.world.meshes import MESH_SUFFIXES, refuse_other
+from zebrat_bullet.world.reference import WorldReference, parse_reference
+from zebrat_bullet.world.ros_map import IMAGE_SUFFIXES, refuse_image
+from zebrat_bullet.world.schema import AT_ORIGIN, StartSpec, WorldSpec, parse_spec, read_yaml
+from zebrat_bullet.world.validate import check_closed, open_space_too_early, validate_world
 from zebrat_bullet.world.world import World
 
 
+class WorldNote(UserWarning):
+    """Says what was taken to be meant where a file of others leaves it open."""
+
+
 def load_world(
-    name_or_path: str | Path, *, start: Pose2 | None = None, goal: Pose2 | None = None, robot: RobotModel | None = None
+    name_or_path: str | Path,
+    *,
+    start: Pose2 | Sequence[float] | None = None,
+    goal: Pose2 | Sequence[float] | None = None,
+    exit: Sequence[Sequence[float]] | None = None,
+    robot: RobotModel | None = None,
 ) -> World:
     """Load and check a world.
 
     Args:
-        name_or_path: a shipped world's name, or a path: a world file (.yaml), a watertight mesh (.obj .stl .ply .glb,
-            metres, z up, floor at z = 0), or a ROS map_server map (a .yaml with `image:`).
-        start: where the car begins, exactly, instead of what the file says; mesh and map: the origin if None.
-        goal: the only waypoint, instead of the file's.
+        name_or_path: a shipped world's name, or a path: a world file (.yaml), a mesh (.obj .stl .ply .glb, metres, z
+            up, floor at z = 0), or a ROS map_server map (a .yaml with `image:`). Start, goal and exit may follow it
+            (`reference.WorldReference`).
+        start: where the car begins, exactly, instead of what the file says: a pose, or x, y in m and yaw in rad. Mesh
+            and map: the origin if None.
+        goal: the only waypoint, instead of the file's: x, y in m. To reach it is success where no open-space line is.
+        exit: both ends of the open-space line, instead of the file's, of a mesh or map.
         robot: the car that must fit; ZebraT if None.
 
     Raises:
         AssetError: no such world or file.
         WorldError: the world cannot be read, built or driven; names file, field and remedy.
     """
-    path = find_asset("worlds", str(name_or_path), ".yaml")
-    changes: dict[str, object] = {}
-    if start is not None:
-        pose = (start.x, start.y, math.degrees(start.yaw))
-        changes["start"] = StartSpec(pose=pose, range_x_m=0.0, range_y_m=0.0, range_yaw_rad=0.0)
-    if goal is not None:
-        changes["waypoints"] = [(goal.x, goal.y)]
-    spec = _spec(path).model_copy(update=changes)
+    reference = parse_reference(str(name_or_path)).with_places(start, goal, exit)
+    path = find_asset("worlds", reference.name, ".yaml")
+    spec = _varied(_spec(path), reference, str(path))
     world = build_world(spec, path)
+    robot = robot or default_robot()
+    if spec.goal is not None or spec.waypoints is not None:
+        world = _without_blind_line(world, spec, robot)
     check_closed(world, str(path))
-    validate_world(world, robot or default_robot(), str(path))
-    shipped = path.parent == asset_folder("worlds")
-    return replace(world, source=path.stem if shipped else str(path.resolve()))
+    validate_world(world, robot, str(path))
+    for said in world.notes:
+        warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
+    return replace(world, source=str(replace(reference, name=_source(path))))
+
+
+def load_worlds(
+    worlds: str | Path | World | Sequence[str | Path | World],
+    *,
+    start: Pose2 | Sequence[float] | None = None,
+    goal: Pose2 | Sequence[float] | None = None,
+    exit: Sequence[Sequence[float]] | None = None,
+    robot: RobotModel | None = None,
+) -> list[World]:
+    """Return one world or several, those that are named loaded with the car that must fit.
+
+    Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
+
+    Raises:
+        AssetError, WorldError: as `load_world`, or there is no world, or not one for the start, goal or exit.
+    """
+    named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
+    wrong = [each for each in named if not isinstance(each, str | Path | World)]
+    if not named or wrong:
+        raise WorldError(f"a world is a name, a path or a World, or a list of these with at least one, got {worlds!r}")
+    placed = start is not None or goal is not None or exit is not None
+    if placed and (len(named) > 1 or isinstance(named[0], World)):
+        raise WorldError("start, goal and exit go with one world by name or path; name them in each world's file")
+    loaded = [
+        each if isinstance(each, World) else load_world(each, start=start, goal=goal, exit=exit, robot=robot)
+        for each in named
+    ]
+    for world in loaded:
+        if not world.can_be_won:
+            warnings.warn(
+                f"world {world.name!r} has neither exit nor goal, so no episode in it can succeed; name a goal",
+                WorldNote,
+                stacklevel=2,
+            )
+    return loaded
+
+
+def sketch_world(
+    name_or_path: str | Path,
+    *,
+    start: Pose2 | Sequence[float] | None = None,
+    goal: Pose2 | Sequence[float] | None = None,
+    exit: Sequence[Sequence[float]] | None = None,
+) -> World:
+    """Build what can be drawn of a world that `load_world` refuses: its walls at least; nothing is checked.
+
+    Raises:
+        AssetError, WorldError: not even its walls can be found.
+    """
+    reference = parse_reference(str(name_or_path)).with_places(start, goal, exit)
+    path = find_asset("worlds", reference.name, ".yaml")
+    spec = _spec(path)
+    try:
+        return build_world(_varied(spec, reference, str(path)), path)
+    except WorldError:
+        if spec.mesh is None and spec.map is None:
+            raise
+    bare = spec.model_copy(update={"centre_line": None, "open_line": None, "low": spec.mesh is not None})
+    return build_world(_varied(bare, replace(reference, exit=None), str(path)), path)
+
+
+def _source(path: Path) -> str:
+    return path.stem if path.parent == asset_folder("worlds") else str(path.resolve())
+
+
+def _varied(spec: WorldSpec, reference: WorldReference, source: str) -> WorldSpec:
+    """Return the world file with the start, goal and exit that were named beside it."""
+    changes: dict[str, object] = {}
+    if reference.start is not None:
+        changes["start"] = StartSpec(pose=_pose(reference.start), range_x_m=0.0, range_y_m=0.0, range_yaw_rad=0.0)
+    if reference.goal is not None:
+        changes["waypoints"], changes["goal"] = [tuple(reference.goal)], None
+    if reference.exit is not None:
+        if spec.mesh is None and spec.map is None:
+            raise WorldError(
+                f"{source}: exit: only a mesh or map takes one; its segments or free_space say where it is"
+            )
+        x1, y1, x2, y2 = reference.exit
+        changes["open_line"] = ((x1, y1), (x2, y2))
+        if (x1, y1) == (x2, y2):
+            raise WorldError(f"{source}: exit: both ends are ({x1}, {y1}); name two points")
+    return spec.model_copy(update=changes)
+
+
+def _pose(start: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, yaw_deg = start
+    return x, y, yaw_deg
+
+
+def _without_blind_line(world: World, spec: WorldSpec, robot: RobotModel) -> World:
+    """Let the goal decide where the car would take the inside for open space: the passage is too wide for that rule."""
+    if world.open_line is None or not len(world.centre_line):
+        return world
+    seen = open_space_too_early(world, world.open_line, robot)
+    if seen is None:
+        return world
+    said = (
+        f"open space is already seen at ({seen[0]:.2f}, {seen[1]:.2f}), before the exit, so reaching the goal is "
+        "success and seeing open space ends nothing"
+    )
+    return replace(world, open_line=None, gates=goal_gate(spec, world.waypoints), notes=(*world.notes, said))
 
 
 def _spec(path: Path) -> WorldSpec:
-    origin = StartSpec(pose=(0.0, 0.0, 0.0), range_x_m=0.0, range_y_m=0.0, range_yaw_rad=0.0)
-    if path.suffix.lower() in MESH_SUFFIXES:
-        return WorldSpec(name=path.stem, description=f"mesh {path.name}", mesh=Path(path.name), start=origin)
+    suffix, name = path.suffix.lower(), re.sub(r"[\x00-\x1f\\]", "_", path.stem[:100])
+    if suffix in MESH_SUFFIXES:
+        return WorldSpec(name=name, description=f"mesh {path.name}"[:2000], mesh=Path(path.name), start=AT_ORIGIN)
+    refuse_other(path)
+    if suffix in IMAGE_SUFFIXES:
+        refuse_image(path)
     data = read_yaml(path)
     if "image" in data:
-        return WorldSpec(name=path.stem, description=f"ROS map {path.name}", map=Path(path.name), start=origin)
+        return WorldSpec(name=name, description=f"ROS map {path.name}"[:2000], map=Path(path.name), start=AT_ORIGIN)
     return parse_spec(data, str(path))
 
 

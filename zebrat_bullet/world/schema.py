@@ -7,14 +7,24 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from zebrat_bullet.errors import WorldError
+from zebrat_bullet.files import read_yaml as read_any_yaml
+from zebrat_bullet.files import shown
 
-Metres = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Point = tuple[float, float]
-Ring = Annotated[list[Point], Field(min_length=3)]
+MOST_COORDINATE_M = 1e5
+"""Whatever lies further from the origin is a slip of the pen."""
+_LONGEST_M, _LONGEST_COURSE_M = 1000.0, 3000.0
+_MOST_ITEMS, _MOST_ERRORS = 5000, 20
+Metres = Annotated[float, Field(gt=0, le=_LONGEST_M)]
+NotNegative = Annotated[float, Field(ge=0, le=_LONGEST_M)]
+Coordinate = Annotated[float, Field(ge=-MOST_COORDINATE_M, le=MOST_COORDINATE_M)]
+Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+Point = tuple[Coordinate, Coordinate]
+Ring = Annotated[list[Point], Field(min_length=3, max_length=_MOST_ITEMS)]
+Unknown = Literal["free", "occupied", "refused"]
 
 # Below this height a wall enters the blind zone of the lidar, and is seen only from afar.
 LOWEST_WALL_M = 0.8
+WallHeight = Annotated[float, Field(ge=LOWEST_WALL_M, le=_LONGEST_M)]
 SOURCES = ("segments", "free_space", "mesh", "map")
 
 
@@ -48,17 +58,20 @@ class Turn(_Strict):
 class Wall(_Strict):
     """The walls round the corridor; with `boxes`, a row of boxes with gaps instead of a smooth wall."""
 
-    height_m: Annotated[float, Field(ge=LOWEST_WALL_M)] = 1.0
-    thickness_m: Annotated[float, Field(ge=0.02)] = 0.1
+    height_m: WallHeight = 1.0
+    thickness_m: Annotated[float, Field(ge=0.02, le=_LONGEST_M)] = 0.1
     boxes: "Boxes | None" = None
+
+
+BoxLength = Annotated[float, Field(ge=0.05, le=_LONGEST_M)]
 
 
 class Boxes(_Strict):
     """Cardboard boxes in a row: smallest and largest length, height and gap between two, drawn from `seed`."""
 
-    seed: int = 0
-    length_m: tuple[Metres, Metres] = (0.4, 0.7)
-    height_m: tuple[Annotated[float, Field(ge=LOWEST_WALL_M)], Annotated[float, Field(ge=LOWEST_WALL_M)]] = (0.8, 1.2)
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    length_m: tuple[BoxLength, BoxLength] = (0.4, 0.7)
+    height_m: tuple[WallHeight, WallHeight] = (0.8, 1.2)
     gap_m: tuple[NotNegative, NotNegative] = (0.0, 0.05)
     setback_m: NotNegative = 0.03
 
@@ -85,7 +98,7 @@ class Box(_Obstacle):
 
     box: Point
     size: tuple[Metres, Metres]
-    yaw_deg: float = 0.0
+    yaw_deg: Degrees = 0.0
 
 
 class PolygonObstacle(_Obstacle):
@@ -152,43 +165,72 @@ class StartSpec(_Strict):
     """Where the car begins: `at_m` along the centre line of a `segments` track, or `pose` [x, y, yaw_deg]."""
 
     at_m: NotNegative = 1.5
-    pose: tuple[float, float, float] | None = None
+    pose: tuple[Coordinate, Coordinate, Degrees] | None = None
     range_x_m: NotNegative = 0.1
     range_y_m: NotNegative = 0.1
-    range_yaw_rad: NotNegative = 0.15
+    range_yaw_rad: Annotated[float, Field(ge=0, le=3.15)] = 0.15
 
 
 class WorldSpec(_Strict):
     """A world file. Exactly one of `segments`, `free_space`, `mesh`, `map` says where the walls are.
 
-    `family` and `difficulty` say of a generated track how it was drawn; nothing is built from them.
+    `family` and `difficulty` say of a generated track how it was drawn; nothing is built from them. `scale`, `offset`,
+    `up`, `thickness_m` and `low` say how a mesh is meant, `unknown` what nobody has mapped is. `goal` is the last
+    waypoint, or a line to cross; `waypoints` lead there.
     """
 
-    name: str
-    description: str = ""
+    name: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f]+$")]
+    description: Annotated[str, Field(max_length=2000)] = ""
     family: str = ""
     difficulty: Annotated[float, Field(ge=0, le=1)] | None = None
     wall: Wall = Wall()
-    segments: Annotated[list[Segment], Field(min_length=1)] | None = None
-    niches: tuple[Niche, ...] = ()
-    free_space: Annotated[list[Ring], Field(min_length=1)] | None = None
+    segments: Annotated[list[Segment], Field(min_length=1, max_length=_MOST_ITEMS)] | None = None
+    niches: Annotated[tuple[Niche, ...], Field(max_length=_MOST_ITEMS)] = ()
+    free_space: Annotated[list[Ring], Field(min_length=1, max_length=_MOST_ITEMS)] | None = None
     mesh: Path | None = None
+    scale: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
+    offset: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    up: Literal["y", "z"] | None = None
+    thickness_m: Annotated[float, Field(ge=0.02, le=10)] | None = None
+    low: bool = False
     map: Path | None = None
-    centre_line: Annotated[list[Point], Field(min_length=2)] | None = None
+    unknown: Unknown | None = None
+    centre_line: Annotated[list[Point], Field(min_length=2, max_length=_MOST_ITEMS)] | None = None
     open_line: tuple[Point, Point] | None = None
     start: StartSpec = StartSpec()
-    obstacles: tuple[Obstacle, ...] = ()
-    waypoints: Annotated[list[Point], Field(min_length=1)] | None = None
-    max_steps: Annotated[int, Field(ge=1)] | None = None
+    obstacles: Annotated[tuple[Obstacle, ...], Field(max_length=_MOST_ITEMS)] = ()
+    waypoints: Annotated[list[Point], Field(min_length=1, max_length=_MOST_ITEMS)] | None = None
+    goal: tuple[Point, Point] | Point | None = None
+    max_steps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+
+    @property
+    def is_circuit(self) -> bool:
+        """Whether the centre line ends where it begins."""
+        line = self.centre_line
+        return line is not None and len(line) > 3 and line[0] == line[-1]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _begin_at_origin(cls, data: Any) -> Any:
+        """A mesh or map without a start is begun at its origin, exactly, as one without a world file is."""
+        if isinstance(data, dict) and "start" not in data and ("mesh" in data or "map" in data):
+            return data | {"start": AT_ORIGIN}
+        return data
 
     @model_validator(mode="after")
     def _check(self) -> "WorldSpec":
         given = [key for key in SOURCES if getattr(self, key) is not None]
         if len(given) != 1:
             raise ValueError(f"give exactly one of {', '.join(SOURCES)}; got {', '.join(given) or 'none'}")
+        self._check_keys_of(given[0])
+        for key in ("centre_line", "open_line", "goal"):
+            self._check_points(key)
         if self.segments is not None:
             if self.centre_line is not None or self.open_line is not None:
                 raise ValueError("`segments` already say centre_line and open_line: leave both out")
+            length = sum(s.straight if isinstance(s, Straight) else abs(s.turn) / 57 * s.radius for s in self.segments)
+            if length > _LONGEST_COURSE_M:
+                raise ValueError(f"segments are {length:.0f} m long, more than {_LONGEST_COURSE_M:.0f} m: shorten them")
             return self
         if self.start.pose is None:
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
@@ -196,13 +238,34 @@ class WorldSpec(_Strict):
             raise ValueError("a buttress stands on the wall of a `segments` track: use a box or polygon here")
         if self.niches:
             raise ValueError("niches open in the walls of a `segments` track: draw them as part of the walls here")
-        if (self.centre_line is None) != (self.open_line is None):
-            raise ValueError("centre_line and open_line go together: give both or neither")
-        if self.free_space is not None and self.centre_line is None:
-            raise ValueError("`free_space` needs a centre_line and an open_line")
+        ends = bool(self.goal or self.waypoints or self.is_circuit)
+        if self.free_space is not None and not (self.centre_line if self.open_line else ends):
+            raise ValueError("`free_space` needs a centre_line and an open_line, or else a goal")
+        if self.centre_line is not None and not (self.open_line or ends):
+            raise ValueError(
+                "centre_line needs an open_line that it leads over, a goal, or an end at its first point (a circuit)"
+            )
         if self.wall.boxes is not None and self.free_space is None:
             raise ValueError("wall.boxes go with `segments` or `free_space` only")
         return self
+
+    def _check_keys_of(self, source: str) -> None:
+        owners = dict.fromkeys(("scale", "offset", "up", "thickness_m", "low"), "mesh") | {"unknown": "map"}
+        stray = [key for key, owner in owners.items() if getattr(self, key) and owner != source]
+        if stray:
+            raise ValueError(
+                f"{', '.join(stray)}: for a `{owners[stray[0]]}` only, and this is a `{source}`: remove it"
+            )
+
+    def _check_points(self, key: str) -> None:
+        points = getattr(self, key)
+        if points is None or not isinstance(points[0], tuple | list):
+            return
+        if all(point == points[0] for point in points):
+            raise ValueError(f"{key}: its points are all the same: it needs two that differ")
+
+
+AT_ORIGIN = StartSpec(pose=(0.0, 0.0, 0.0), range_x_m=0.0, range_y_m=0.0, range_yaw_rad=0.0)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -211,10 +274,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises:
         WorldError: it is no YAML, or no mapping.
     """
-    try:
-        data = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise WorldError(f"{path}: not readable as YAML: {error}; mend the line it names") from error
+    data = read_any_yaml(path, WorldError)
     if not isinstance(data, dict):
         raise WorldError(f"{path}: holds {type(data).__name__}, not `key: value` lines; start with `name:`")
     return data
@@ -238,7 +298,9 @@ def parse_spec(data: dict[str, Any], source: str) -> WorldSpec:
     try:
         return WorldSpec.model_validate(data)
     except ValidationError as error:
-        raise WorldError("\n".join(f"{source}: {_explain(item)}" for item in error.errors())) from error
+        lines = [f"{source}: {_explain(item)}" for item in error.errors()[:_MOST_ERRORS]]
+        more = error.error_count() - len(lines)
+        raise WorldError("\n".join(lines) + (f"\n{source}: and {more} more" if more > 0 else "")) from error
 
 
 def _explain(item: Any) -> str:
@@ -248,10 +310,10 @@ def _explain(item: Any) -> str:
     field = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).lstrip(".") or "world"
     message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "extra_forbidden":
-        return f"{field}: unknown field; correct its name or remove it"
+        return f"{shown(field)}: unknown field; correct its name or remove it"
     if item["type"] == "missing":
         return f"{field}: missing; add it"
     got = item["input"]
-    return (
-        f"{field}: {message}" if isinstance(got, dict | WorldSpec) else f"{field}: {message} (got {got!r}); change it"
-    )
+    if isinstance(got, dict | WorldSpec):
+        return f"{field}: {message}"
+    return f"{field}: {message} (got {shown(repr(got))}); change it"

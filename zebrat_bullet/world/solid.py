@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.world.world import Mesh
 
+# What encloses less is a sheet with two sides.
+_LEAST_VOLUME_M3 = 1e-9
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -82,7 +85,10 @@ def join(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def is_watertight(mesh: Mesh) -> bool:
-    """Return whether every edge has exactly one neighbour running the other way, and the bodies face outward."""
+    """Return whether every edge runs as often one way as the other, and the bodies face outward.
+
+    Bodies may touch along an edge or a face: then more than two faces meet there, and none is open all the same.
+    """
     if len(mesh.faces) == 0:
         return False
     faces = mesh.faces.astype(np.int64)
@@ -90,9 +96,10 @@ def is_watertight(mesh: Mesh) -> bool:
     n = len(mesh.vertices)
     there = np.sort(edges[:, 0] * n + edges[:, 1])
     back = np.sort(edges[:, 1] * n + edges[:, 0])
-    closed = bool((np.diff(there) > 0).all()) and bool((there == back).all())
-    a, b, c = (mesh.vertices[faces[:, k]] for k in range(3))
-    return closed and float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0
+    vertices = mesh.vertices - mesh.vertices[0]
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+    return bool((there == back).all()) and volume > _LEAST_VOLUME_M3
 
 
 def polygons_of(shape: shapely.Geometry) -> list[shapely.Polygon]:

@@ -17,20 +17,26 @@ _REACH_M = 20.0
 
 
 def survey(
-    free_space: shapely.Polygon, centre_line: NDArray[np.float64], open_line: NDArray[np.float64], source: str
+    free_space: shapely.Polygon, centre_line: NDArray[np.float64], open_line: NDArray[np.float64] | None, source: str
 ) -> Track:
-    """Return the track that a (K, 2) centre line makes through a free space, ending where it crosses the open line.
+    """Return the track that a (K, 2) centre line makes through a free space.
+
+    It ends where the line crosses the open line, or where it ends itself if that is None.
 
     Raises:
         WorldError: the centre line does not lead through the free space and out over the line.
     """
     points, distances, _ = resample(centre_line, np.zeros(len(centre_line) - 1))
-    course = shapely.LineString(points)
-    crossing = course.intersection(shapely.LineString(open_line))
-    if crossing.is_empty:
-        raise WorldError(f"{source}: centre_line: never crosses the open_line; extend it {GOAL_M} m past the line")
-    length = float(shapely.line_locate_point(course, shapely.Point(shapely.get_coordinates(crossing)[0])))
-    inside = distances < length - 1e-6
+    length, inside = float(distances[-1]), np.ones(len(points), dtype=bool)
+    if open_line is not None:
+        course = shapely.LineString(points)
+        crossing = course.intersection(shapely.LineString(open_line))
+        if crossing.is_empty:
+            raise WorldError(f"{source}: centre_line: never crosses the open_line; extend it {GOAL_M} m past the line")
+        length = float(shapely.line_locate_point(course, shapely.Point(shapely.get_coordinates(crossing)[0])))
+        inside = distances < length - 1e-6
+        if not inside.any():
+            raise WorldError(f"{source}: centre_line: begins at the open_line; begin it where the car does")
     if not shapely.intersects_xy(free_space.buffer(1e-6), *points[inside].T).all():
         raise WorldError(f"{source}: centre_line: leaves the free space before the open_line; move its points inside")
     widths = np.empty(len(points))

@@ -11,6 +11,8 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import to_world, wall_segments
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.free_start import free_start
+from zebrat_bullet.world.goal import REACHED_M
 from zebrat_bullet.world.solid import is_watertight
 from zebrat_bullet.world.world import Start, World
 
@@ -24,6 +26,10 @@ _FIRE_WITHIN_M = 1.0
 _ON_LINE_M = 0.01
 # So many poses are checked in one go: enough to amortise the call, few enough to keep the arrays in the cache.
 _CHUNK = 64
+# A corner of a cell that the car overlaps may be a rounding error.
+_LEAST_UNKNOWN_M2 = 1e-4
+# So far round the walls the way to a goal may lead.
+_ROUND_WALLS_M = 3.0
 
 
 def validate_world(world: World, robot: RobotModel, source: str) -> None:
@@ -40,6 +46,8 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     _check_start(world, robot, source)
     if len(world.centre_line):
         _check_passage(world, robot, source)
+    if len(world.gates):
+        _check_gates(world, robot, source)
     if len(world.centre_line) and world.open_line is not None:
         _check_open_space(world, world.open_line, robot, source)
 
@@ -71,12 +79,60 @@ def start_area(start: Start, footprint_base: NDArray[np.float64]) -> shapely.Pol
 
 def _check_start(world: World, robot: RobotModel, source: str) -> None:
     area = start_area(world.start, robot.footprint_base)
+    pose = world.start.pose
     if area.intersects(world.walls) or not world.free_space.buffer(1e-6).contains(area):
-        pose = world.start.pose
         raise WorldError(
             f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands in a wall or outside the free space for "
             "some pose of its random range; move the start or make start.range_x_m, range_y_m, range_yaw_rad smaller"
+            f"{_free_start(world, robot)}"
         )
+    if area.intersection(world.unknown_ground).area > _LEAST_UNKNOWN_M2:
+        raise WorldError(
+            f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands on unknown ground of the map; move the "
+            f"start to where it is mapped, or say `unknown: free` in a world file{_free_start(world, robot)}"
+        )
+
+
+def _free_start(world: World, robot: RobotModel) -> str:
+    free = free_start(world, robot.footprint_base)
+    extents = "x {:.2f} to {:.2f}, y {:.2f} to {:.2f} m".format(*np.array(world.walls.bounds)[[0, 2, 1, 3]])
+    if free is None:
+        return f". Nowhere among its walls ({extents}) does a car of this size fit"
+    degrees = round(math.degrees(free.yaw))
+    return (
+        f". It would stand free at ({free.x:.2f}, {free.y:.2f}), looking along {degrees} degrees: "
+        f"--start {free.x:.2f} {free.y:.2f} {degrees}; the walls reach from {extents}"
+    )
+
+
+def _check_gates(world: World, robot: RobotModel, source: str) -> None:
+    """Refuse a goal that cannot be reached, or that is reached before anyone drives."""
+    goal, begin = shapely.LineString(world.gates[-1]), shapely.Point(world.start.pose.x, world.start.pose.y)
+    strays = math.hypot(world.start.range_x_m, world.start.range_y_m)
+    is_point = goal.length == 0
+    if len(world.gates) == 1 and is_point and goal.distance(begin) <= REACHED_M + strays:
+        raise WorldError(f"{source}: goal: the car already begins within {REACHED_M} m of it; move goal or start apart")
+    if not is_point:
+        length = goal.length
+        if length < float(np.ptp(robot.footprint_base[:, 1])):
+            raise WorldError(
+                f"{source}: goal: its line is {length:.2f} m long, shorter than the car is wide; lengthen it"
+            )
+    half_width = float(np.ptp(robot.footprint_base[:, 1])) / 2
+    whole = shapely.GeometryCollection([world.walls, goal, begin])
+    floor = whole.envelope.buffer(_ROUND_WALLS_M, join_style="mitre").difference(world.walls)
+    room = shapely.get_parts(floor.buffer(-0.99 * half_width, quad_segs=4))
+    near_start = begin.buffer(half_width)
+    shapely.prepare(near_start)
+    here = [part for part in room if part.intersects(near_start)]
+    for gate in world.gates:
+        line = shapely.LineString(gate)
+        if not any(part.distance(line) <= (REACHED_M if line.length == 0 else 0.0) for part in here):
+            x, y = gate.mean(axis=0)
+            raise WorldError(
+                f"{source}: goal: ({x:.2f}, {y:.2f}) is in a wall, or no way as wide as the car "
+                f"({2 * half_width:.2f} m) leads there from the start; move it or open the way"
+            )
 
 
 def _check_passage(world: World, robot: RobotModel, source: str) -> None:
@@ -103,7 +159,7 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
 def _check_open_space(world: World, open_line: NDArray[np.float64], robot: RobotModel, source: str) -> None:
     seen = world.walls if world.low_obstacles.is_empty else world.walls.difference(world.low_obstacles)
     segments = wall_segments(seen)
-    early = _first_early(world, open_line, seen, float(robot.lidar_xyz_base[0]))
+    early = open_space_too_early(world, open_line, robot)
     if early is not None:
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
@@ -123,6 +179,14 @@ def _check_open_space(world: World, open_line: NDArray[np.float64], robot: Robot
             f"{source}: open_line: within {_FIRE_WITHIN_M} m past the line left + right stays under {OPEN_WIDTH_M} m, "
             "so no car would know that it is out; move walls and obstacles away from the exit"
         )
+
+
+def open_space_too_early(world: World, open_line: NDArray[np.float64], robot: RobotModel) -> NDArray[np.float64] | None:
+    """Return a (2,) position of the lidar before the open-space line where open space is seen, or None."""
+    low = world.low_obstacles
+    return _first_early(
+        world, open_line, world.walls if low.is_empty else world.walls.difference(low), float(robot.lidar_xyz_base[0])
+    )
 
 
 def _first_early(

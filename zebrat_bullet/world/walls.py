@@ -17,9 +17,11 @@ _MITRE_LIMIT = 2.0
 _HAIR_M = 1e-3
 
 
-def wall_solids(free_space: shapely.Polygon, open_line: NDArray[np.float64], wall: Wall) -> list[Solid]:
-    """Return the walls that close a free space everywhere but along its (2, 2) open-space line."""
-    outside = shapely.union_all([free_space, _beyond(open_line, wall.thickness_m)])
+def wall_solids(free_space: shapely.Polygon, open_line: NDArray[np.float64] | None, wall: Wall) -> list[Solid]:
+    """Return the walls that close a free space everywhere but along its (2, 2) open-space line, if it has one."""
+    outside: shapely.Geometry = free_space
+    if open_line is not None:
+        outside = shapely.union_all([free_space, _beyond(open_line, wall.thickness_m)])
     if wall.boxes is not None:
         return _box_row(free_space, open_line, outside, wall, wall.boxes)
     ring = free_space.buffer(wall.thickness_m, join_style="mitre", mitre_limit=_MITRE_LIMIT).difference(outside)
@@ -51,11 +53,15 @@ def walls_are_whole(
 
 
 def _box_row(
-    free_space: shapely.Polygon, open_line: NDArray[np.float64], outside: shapely.Geometry, wall: Wall, boxes: Boxes
+    free_space: shapely.Polygon,
+    open_line: NDArray[np.float64] | None,
+    outside: shapely.Geometry,
+    wall: Wall,
+    boxes: Boxes,
 ) -> list[Solid]:
     rng = np.random.default_rng(boxes.seed)
     corners = np.array(shapely.geometry.polygon.orient(free_space).exterior.coords)[:-1]
-    exit_middle = shapely.Point(open_line.mean(axis=0))
+    exit_middle = shapely.Point() if open_line is None else shapely.Point(open_line.mean(axis=0))
     solids = []
     for a, b, c in zip(corners, np.roll(corners, -1, axis=0), np.roll(corners, -2, axis=0), strict=True):
         if shapely.LineString([a, b]).distance(exit_middle) < 1e-3:

@@ -1,6 +1,6 @@
 """The geometry of a place to drive in; knows nothing of any simulator."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
@@ -48,7 +48,13 @@ class World:
         max_steps: overrides the time-out of the task, or None.
         turns_deg: the turns of the centre line in order, left positive.
         family, difficulty: how a generated track was drawn, 0 easy to 1 hard; empty and None for others.
-        source: what `load_world` was given: a shipped name or a path; empty for a world made in memory.
+        source: what `load_world` was given: a shipped name or a path, with its start, goal or exit where these were
+            given too; empty for a world made in memory.
+        gates: (G, 2, 2) float64, end points of the lines that the car's middle must cross one after the other, or,
+            where both are one point, come near to: the goal, or the quarters of a lap. (0, 2, 2) where the open-space
+            line decides, or nothing does.
+        unknown_ground: what nobody has mapped of a map: no wall, but no car begins there.
+        notes: what was taken to be meant where its file leaves it open.
     """
 
     name: str
@@ -67,6 +73,19 @@ class World:
     family: str = ""
     difficulty: float | None = None
     source: str = ""
+    gates: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2, 2)))
+    unknown_ground: shapely.MultiPolygon = field(default_factory=shapely.MultiPolygon)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def can_be_won(self) -> bool:
+        """Return whether an episode in it can succeed."""
+        return self.open_line is not None or len(self.gates) > 0
+
+    @property
+    def is_circuit(self) -> bool:
+        """Return whether its centre line ends where it begins."""
+        return len(self.centre_line) > 3 and bool(np.allclose(self.centre_line[0], self.centre_line[-1]))
 
     def past_open_line(self, x: float, y: float) -> bool:
         """Return whether a world point lies past the line where open space begins.

@@ -81,7 +81,7 @@ class Comparison:
 
 def drive_in_bullet(job: DriveJob) -> Drives:
     """Drive a job."""
-    world = load_world(job.world)
+    world = load_world(job.world, robot=load_robot(job.task.robot))
     drive, agent = Drive(job.task, world), _agent(job)
     n_steps = round(DRIVE_S / job.task.physics.control_step_s)
     key = zlib.crc32(f"{job.world}/{job.driver}".encode())

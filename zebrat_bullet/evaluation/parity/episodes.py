@@ -11,6 +11,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.evaluation.planar_policy import cars_for
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.planar.trial import drive_out
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.world import World, load_world
 
@@ -43,9 +44,10 @@ class Ending:
 
 def drive_bullet_episodes(job: EpisodeJob) -> list[Ending]:
     """Drive a job in PyBullet."""
+    world = load_world(job.world, robot=load_robot(job.task.robot))
     return [
         Ending(outcome=record.outcome, duration_s=record.duration_s, start=tuple(record.pose[0].tolist()))
-        for record in drive_episodes(job.agent, job.task, load_world(job.world), job.seed, job.episodes)
+        for record in drive_episodes(job.agent, job.task, world, job.seed, job.episodes)
     ]
 
 

@@ -17,6 +17,7 @@ from zebrat_bullet.evaluation.parity.drives import DRIVERS, Comparison, DriveJob
 from zebrat_bullet.evaluation.parity.episodes import Ending, EpisodeJob, drive_bullet_episodes, drive_planar_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.planar.simulation import require_planar
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import World, load_world
 
 CHUNK = 5
@@ -173,7 +174,8 @@ def measure(study: ParityStudy, on_progress: Progress = lambda doing, done, tota
         ZebratError: the policy or a world cannot be loaded, or is not for planar cars; nothing was driven then.
     """
     policy = _unguided_policy(study)
-    worlds = {name: load_world(name) for name in study.worlds}
+    robot = load_robot(study.task.robot)
+    worlds = {name: load_world(name, robot=robot) for name in study.worlds}
     for world in worlds.values():
         require_planar(world)
     drive_jobs = [

@@ -1,0 +1,64 @@
+"""What is to be reached in a world without an open-space line: a goal, a line, or the quarters of a lap."""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zebrat_bullet.errors import WorldError
+from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.track import Track, resample
+from zebrat_bullet.world.world import World
+
+REACHED_M = 0.5
+"""A waypoint, or a goal that is a point, is reached within this distance of the car's middle (paper, eq. 9)."""
+GATES = 4
+"""Most gates that a world has; the quarters of a lap tell in which sense it is driven."""
+# Longer than any passage is wide.
+_REACH_M = 20.0
+
+
+def require_winnable(world: World, source: str = "") -> None:
+    """Refuse a world in which no episode can succeed.
+
+    Raises:
+        WorldError: it is one; names the file and what to give.
+    """
+    if not world.can_be_won:
+        named = source or world.source or world.name
+        raise WorldError(
+            f"{named}: goal: nothing can be reached in this world, so every episode would fail; give  it a goal "
+            "(`goal: [x, y]` in its world file, --goal X Y, goal=(x, y)), an exit (open_line), or a "
+            "centre_line that ends at its first point (a circuit)"
+        )
+
+
+def point_gate(point: tuple[float, float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (1, 2, 2) gates of a goal that is a point."""
+    return np.array([[point, point]], dtype=float)
+
+
+def lap_gates(track: Track) -> NDArray[np.float64]:
+    """Return the (4, 2, 2) lines across a circuit at each quarter of it, the last where it begins."""
+    return np.stack([_across(track, (i % GATES) / GATES * track.length_m) for i in range(1, GATES + 1)])
+
+
+def circuit_from(line: NDArray[np.float64], start: Pose2) -> NDArray[np.float64]:
+    """Return a closed (K, 2) line anew, from its point nearest to the start on, the way the car looks there."""
+    points, _, _ = resample(line, np.zeros(len(line) - 1))
+    ring = points[:-1]
+    first = int(np.argmin(np.hypot(*(ring - (start.x, start.y)).T)))
+    ring = np.roll(ring, -first, axis=0)
+    along = ring[1] - ring[-1]
+    if along @ (np.cos(start.yaw), np.sin(start.yaw)) < 0:
+        ring = np.roll(ring[::-1], 1, axis=0)
+    return np.vstack([ring, ring[:1]])
+
+
+def _across(track: Track, distance_m: float) -> NDArray[np.float64]:
+    pose = track.pose_at(distance_m)
+    here = np.array([pose.x, pose.y])
+    left = _REACH_M * np.array([-np.sin(pose.yaw), np.cos(pose.yaw)])
+    chord = shapely.LineString([here - left, here + left]).intersection(track.free_space)
+    nearest = min(shapely.get_parts(chord), key=lambda part: part.distance(shapely.Point(here)))
+    ends: NDArray[np.float64] = shapely.get_coordinates(nearest)[[0, -1]]
+    return ends

@@ -1,0 +1,130 @@
+"""How a world is named: a shipped name or a path, and after colons where it begins and ends there.
+
+`my_map.yaml:start=1.0,2.0,90:goal=7.5,2.0`: yaw in degrees, as in world files.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from zebrat_bullet.errors import WorldError
+from zebrat_bullet.files import shown
+from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.schema import MOST_COORDINATE_M
+
+_SETTING = re.compile(r":(start|goal|exit)=([^:]*)")
+_LENGTHS = {"start": ("x,y,yaw in degrees", (3,)), "goal": ("x,y", (2,)), "exit": ("x1,y1,x2,y2", (4,))}
+
+
+@dataclass(frozen=True)
+class WorldReference:
+    """A world by name or path, and what is said of it besides.
+
+    Attributes:
+        name: shipped name or path.
+        start: x, y in m and yaw in degrees, or None for the world's own.
+        goal: x, y in m, or None.
+        exit: both ends of the open-space line, x, y, x, y in m, or None.
+    """
+
+    name: str
+    start: tuple[float, ...] | None = None
+    goal: tuple[float, ...] | None = None
+    exit: tuple[float, ...] | None = None
+
+    def __str__(self) -> str:
+        said = {"start": self.start, "goal": self.goal, "exit": self.exit}
+        return self.name + "".join(f":{key}={','.join(map(repr, at))}" for key, at in said.items() if at is not None)
+
+    def with_places(
+        self,
+        start: Pose2 | Sequence[float] | None = None,
+        goal: Pose2 | Sequence[float] | None = None,
+        exit: Sequence[Sequence[float]] | None = None,
+    ) -> "WorldReference":
+        """Return it with another start (x, y, yaw in rad), goal (x, y) and exit (two points), each where not None.
+
+        Raises:
+            WorldError: they are not so many finite numbers.
+        """
+        made = self
+        if start is not None:
+            x, y, yaw = (start.x, start.y, start.yaw) if isinstance(start, Pose2) else _numbers("start", start, 3)
+            made = replace(made, start=_checked("start", (x, y, math.degrees(yaw))))
+        if goal is not None:
+            ends = (goal.x, goal.y) if isinstance(goal, Pose2) else _numbers("goal", goal, 2)
+            made = replace(made, goal=_checked("goal", ends))
+        if exit is not None:
+            corners = [value for point in exit for value in _numbers("exit", point, 2)]
+            made = replace(made, exit=_checked("exit", corners))
+        return made
+
+
+def parse_reference(text: str) -> WorldReference:
+    """Read how a world is named.
+
+    Raises:
+        WorldError: start, goal or exit are not so many finite numbers.
+    """
+    first = _SETTING.search(text)
+    if first is None:
+        return WorldReference(text)
+    said: dict[str, tuple[float, ...]] = {}
+    for key, numbers in _SETTING.findall(text):
+        said[key] = _checked(key, numbers.split(","))
+    return WorldReference(text[: first.start()], **said)
+
+
+def unique_names(names: Sequence[str], sources: Sequence[str]) -> list[str]:
+    """Return names of worlds, those that are alike told apart by the folders of their files, or else by number.
+
+    Args:
+        names: one a world.
+        sources: what each was loaded from.
+    """
+    made = list(names)
+    for name in {name for name in names if names.count(name) > 1}:
+        same = [i for i, other in enumerate(names) if other == name]
+        folders = [Path(parse_reference(sources[i]).name).resolve().parent.parts for i in same]
+        for depth in range(1, max(map(len, folders)) + 1):
+            told = ["/".join([*(part.strip("/") for part in folder[-depth:]), name]) for folder in folders]
+            if len(set(told)) == len(told):
+                break
+        else:
+            told = [f"{name}-{k}" for k in range(1, len(same) + 1)]
+        for i, each in zip(same, told, strict=True):
+            made[i] = each
+    return made
+
+
+def world_labels(references: Sequence[str]) -> dict[str, str]:
+    """Return a short name, good for a folder, for each of several world references, no two alike."""
+    distinct = list(dict.fromkeys(references))
+    stems = [Path(parse_reference(text).name).stem for text in distinct]
+    return dict(zip(distinct, unique_names(stems, distinct), strict=True))
+
+
+def _numbers(key: str, values: Sequence[float], n: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != n:
+        raise WorldError(f"{key}: takes {n} numbers{_SHAPES[key]}, got {shown(repr(values))}; give these")
+    return numbers
+
+
+_SHAPES = {"start": ", x, y in m and yaw in rad", "goal": ", x and y in m", "exit": " a point, two points"}
+
+
+def _checked(key: str, values: Sequence[object]) -> tuple[float, ...]:
+    shape, lengths = _LENGTHS[key]
+    try:
+        numbers = tuple(float(value) for value in values)  # type: ignore[arg-type]
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in lengths or not all(math.isfinite(v) and abs(v) <= MOST_COORDINATE_M for v in numbers):
+        raise WorldError(f"{key}: takes {shape}, finite numbers, got {shown(','.join(map(str, values)))}; correct it")
+    return numbers
