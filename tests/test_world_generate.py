@@ -10,6 +10,7 @@ import pytest
 import shapely
 import trimesh
 
+from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
@@ -178,7 +179,7 @@ def test_the_walls_of_a_mixed_track_are_whole_all_along_but_for_the_exit(varied:
 def test_a_car_can_start_anywhere_along_a_mixed_track(varied: list[World]) -> None:
     rng = np.random.default_rng(0)
     for world in varied:
-        poses = [draw_pose(world, ROBOT, "anywhere", rng) for _ in range(6)]
+        poses = [draw_pose(world, ROBOT, EpisodeConfig(start="anywhere"), rng) for _ in range(6)]
         assert not any(footprint_hits(world.walls, ROBOT.footprint_base, pose) for pose in poses)
 
 

@@ -232,6 +232,8 @@ class RewardConfig:
             reward, so waypoint guidance too is paid R_r for open space and not for its last waypoint.
         false_exit: what is paid where the car takes the inside of a wide corner for open space; None: R_r, as in the
             paper, whose car cannot tell the two apart.
+        stall: what is paid where the car stays where it is, which then ends the task; None: the episode is cut off
+            there, as in the paper, and standing still costs nothing.
         discount: gamma of the sums over rays.
         log_base: base of the logarithm in O; the paper writes "log", the authors' code uses 10. With the natural
             logarithm every step in a 1.2 m corridor costs so much that an agent learns to crash at once.
@@ -241,6 +243,7 @@ class RewardConfig:
     collision: float = -50.0
     success: float = 50.0
     false_exit: float | None = None
+    stall: float | None = None
     discount: float = 0.9
     log_base: float = 10.0
 
@@ -248,7 +251,7 @@ class RewardConfig:
         object.__setattr__(self, "weights", dict(self.weights))
         _require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
         _require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
-        within(self, log_base=(1.0, 1e6), **dict.fromkeys(("collision", "success", "false_exit"), (-1e9, 1e9)))
+        within(self, log_base=(1.0, 1e6), **dict.fromkeys(("collision", "success", "false_exit", "stall"), (-1e9, 1e9)))
         wrong = {shown(name): weight for name, weight in self.weights.items() if not abs(weight) <= 1e9}
         _require(not wrong and len(self.weights) <= 100, f"weights are at most 100 numbers up to 1e9, got {wrong}")
 
@@ -291,6 +294,7 @@ class EpisodeConfig:
             track's own outer wall can hide the open space.
         start: "start" (the world's start pose with its random range), "anywhere" (along the centre line), or "either"
             (one as often as the other).
+        anywhere_yaw_rad: "anywhere", the car is turned from the path by so much at most.
     """
 
     max_steps: int = 1000
@@ -299,11 +303,13 @@ class EpisodeConfig:
     open_width_m: float = 8.0
     out_m: float = 0.6
     start: str = "start"
+    anywhere_yaw_rad: float = 0.5
 
     def __post_init__(self) -> None:
         _require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
         within(self, max_steps=(1, 1_000_000), stall_steps=(1, 2**31 - 1), stall_distance_m=(-1e6, 1e6))
         within(self, open_width_m=(-1e6, 1e6), out_m=(-1e6, 1e6))
+        within(self, anywhere_yaw_rad=(0.0, math.pi))
         starts = ("start", "anywhere", "either")
         _require(self.start in starts, f"start must be one of {', '.join(starts)}, got {self.start!r}")
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 from safetensors.numpy import save_file
 
 from zebrat_bullet.assets import find_asset
@@ -18,8 +19,9 @@ from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
 from zebrat_bullet.types import Command, Reading
 
 FORMAT = "zebrat-policy-1"
-HEADS = ("tanh", "clip", "argmax")
+HEADS = ("tanh", "clip", "argmax", "grid")
 ACTIVATIONS = ("relu", "tanh")
+Grid = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 class PolicyAgent:
@@ -31,8 +33,10 @@ class PolicyAgent:
         observation: how readings are encoded.
         provenance: how it was trained (config, seed, versions); `load_agent` looks there for the car.
         head: what makes an action of the last layer: "tanh" (DDPG, SAC), "clip" to [-1, 1] (PPO), or "argmax", the
-            index of the largest output in `DISCRETE_COMMANDS` (DQN, discrete PPO).
+            index of the largest output in `DISCRETE_COMMANDS` (DQN, discrete PPO), or "grid", which chooses a speed
+            and a steering, each the one with the largest output (PPO on a grid).
         activation: of the hidden layers, "relu" or "tanh".
+        grid: of a "grid" head, the speeds and the steerings to choose from, as fractions of the limits.
 
     Raises:
         PolicyError: there is no such head or activation, or the last layer has another number of outputs than the head
@@ -47,10 +51,11 @@ class PolicyAgent:
         provenance: Mapping[str, Any],
         head: str = "tanh",
         activation: str = "relu",
+        grid: Grid = ((), ()),
     ) -> None:
-        _check(name, len(layers[-1][1]), head, activation)
+        _check(name, len(layers[-1][1]), head, activation, grid)
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
-        self.head, self.activation = head, activation
+        self.head, self.activation, self.grid = head, activation, grid
         self.privileged = frozenset({"waypoint"} if observation.waypoint else ())
 
     def reset(self, seed: int) -> None:
@@ -77,12 +82,16 @@ class PolicyAgent:
         output = self.output(observation)
         if self.head == "argmax":
             return np.array(DISCRETE_COMMANDS, dtype=np.float32)[output.argmax(axis=-1)]
+        if self.head == "grid":
+            speeds, steerings = (np.array(values, dtype=np.float32) for values in self.grid)
+            speed, steering = output[..., : len(speeds)], output[..., len(speeds) :]
+            return np.stack([speeds[speed.argmax(axis=-1)], steerings[steering.argmax(axis=-1)]], axis=-1)
         return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)
 
     def output(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the last layer gives, before the head: (2,), or (6,) of an "argmax" head, float32.
+        """Return what the last layer gives, before the head, float32: (2,), or a number for each choice of the head.
 
-        Many observations, (N, size), may be given at once; then the outputs are (N, 2) or (N, 6).
+        Many observations, (N, size), may be given at once; then N rows of outputs come back.
         """
         hidden = observation
         for weight, bias in self.layers[:-1]:
@@ -92,12 +101,14 @@ class PolicyAgent:
         return hidden @ weight.T + bias
 
 
-def _check(name: str, n_outputs: int, head: str, activation: str) -> None:
+def _check(name: str, n_outputs: int, head: str, activation: str, grid: Grid) -> None:
     if head not in HEADS:
         raise PolicyError(f"policy {name!r} has the head {head!r}; there are {', '.join(HEADS)}")
     if activation not in ACTIVATIONS:
         raise PolicyError(f"policy {name!r} has the activation {activation!r}; there are {', '.join(ACTIVATIONS)}")
-    needed = len(DISCRETE_COMMANDS) if head == "argmax" else 2
+    needed = {"argmax": len(DISCRETE_COMMANDS), "grid": sum(map(len, grid))}.get(head, 2)
+    if head == "grid" and not (all(grid) and np.abs([*grid[0], *grid[1]]).max() <= 1.0):
+        raise PolicyError(f"policy {name!r} chooses from {grid}; speeds and steerings are fractions of -1 to 1")
     if n_outputs != needed:
         raise PolicyError(f"policy {name!r} has {n_outputs} outputs, its head {head!r} needs {needed}; export it again")
 
@@ -113,6 +124,7 @@ def save_policy(agent: PolicyAgent, path: Path) -> None:
         "provenance": json.dumps(agent.provenance),
         "head": agent.head,
         "activation": agent.activation,
+        "grid": json.dumps(agent.grid),
     }
     part = path.with_suffix(".part")
     save_file(tensors, part, metadata=header)
@@ -145,7 +157,8 @@ def load_policy(name_or_path: str) -> PolicyAgent:
             raise ValueError(f"it observes {observation.size} numbers, its first layer takes {layers[0][0].shape[1]}")
         # Files from before there was a choice name neither.
         head, activation = header.get("head", "tanh"), header.get("activation", "relu")
-        return PolicyAgent(Path(path).stem, layers, observation, provenance, head, activation)
+        grid = TypeAdapter(Grid).validate_json(header.get("grid", "[[], []]"))
+        return PolicyAgent(Path(path).stem, layers, observation, provenance, head, activation, grid)
 
 
 def _layers(tensors: Mapping[str, NDArray]) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
+from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import to_world
 from zebrat_bullet.robot import RobotModel
@@ -68,7 +69,7 @@ def free_pose(world: World, robot: RobotModel, rng: np.random.Generator) -> Pose
         WorldError: none was found.
     """
     if len(world.centre_line):
-        return draw_pose(world, robot, "anywhere", rng)
+        return draw_pose(world, robot, EpisodeConfig(start="anywhere"), rng)
     shapely.prepare(world.walls)
     low_x, low_y, high_x, high_y = world.free_space.bounds
     for _ in range(_TRIES):

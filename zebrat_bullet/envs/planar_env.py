@@ -14,12 +14,10 @@ from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.task.episode import OUTCOMES, Outcome
+from zebrat_bullet.task.episode import Outcome
+from zebrat_bullet.task.rewards import terminal_codes
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
-
-TERMINAL = np.array([False, *(outcome.terminal for outcome in OUTCOMES)])
-"""By code of an outcome: whether the task itself ended, rather than being cut off."""
 
 
 class PlanarVectorEnv(VectorEnv):
@@ -62,6 +60,7 @@ class PlanarVectorEnv(VectorEnv):
         config = varied(task, robot, reward, None, noise)
         loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
+        self.terminal = terminal_codes(config.reward)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -87,7 +86,7 @@ class PlanarVectorEnv(VectorEnv):
         step = self.drive.step(self.on_device(actions))
         outcome = on_host(step.outcome)
         ended = outcome > 0
-        terminated = TERMINAL[outcome]
+        terminated = self.terminal[outcome]
         return (
             on_host(step.observation),
             on_host(step.reward),

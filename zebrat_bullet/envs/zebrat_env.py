@@ -17,7 +17,7 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, observation_spec
-from zebrat_bullet.task.rewards import TERMS
+from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
@@ -80,6 +80,7 @@ class ZebratEnv(gymnasium.Env):
                 check_waypoints(each)
         self._closed = False
         self.drive = Drive(config, self._worlds[0])
+        self._terminal = terminal_codes(config.reward)
         self.spec_observation = observation_spec(self.drive.config, self.drive.region, raw)
         self._discrete, self._raw = discrete, raw
         self.render_mode = render_mode
@@ -145,7 +146,7 @@ class ZebratEnv(gymnasium.Env):
         self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
         ended = step.outcome is not None
-        terminated = step.outcome is not None and step.outcome.terminal
+        terminated = step.outcome is not None and bool(self._terminal[step.outcome.code])
         info = self._info(step.outcome)
         return spec.encode(step.reading), step.reward, terminated, ended and not terminated, info
 

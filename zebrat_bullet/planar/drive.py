@@ -130,7 +130,7 @@ class PlanarDrive:
     def _draw_starts(self, world: World) -> NDArray[np.float64]:
         """Return N_STARTS poses of a world, (N_STARTS, 3), a function of the world alone."""
         rng = np.random.default_rng(np.frombuffer(world.name.encode(), dtype=np.uint8))
-        return draw_poses(world, self.robot, self.task.episode.start, rng, N_STARTS)
+        return draw_poses(world, self.robot, self.task.episode, rng, N_STARTS)
 
     def reset(self, seed: int | None = None) -> Array:
         """Begin an episode of every car and return the (N, size) observations; None goes on with the same generator."""

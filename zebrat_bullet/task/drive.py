@@ -96,7 +96,7 @@ class Drive:
         self.lidar.set_world(self.world)
         self._noise_rng, dynamics_rng = rng.spawn(2)
         dynamics = draw_one(self.config.dynamics, dynamics_rng)
-        self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode.start, rng), dynamics)
+        self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode, rng), dynamics)
         max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
         self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps, gates_of([self.world]))
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None

@@ -35,11 +35,6 @@ class Outcome(StrEnum):
     STALL = "stall"
 
     @property
-    def terminal(self) -> bool:
-        """Whether the task itself ended, rather than being cut off (gymnasium's terminated against truncated)."""
-        return self not in (Outcome.TIMEOUT, Outcome.STALL)
-
-    @property
     def code(self) -> int:
         """The number, from 1 on, that stands for it in arrays of cars."""
         return OUTCOMES.index(self) + 1
@@ -54,25 +49,27 @@ OUTCOMES = tuple(Outcome)
 _CODES = {outcome: outcome.code for outcome in OUTCOMES}
 
 
-def draw_pose(world: World, robot: RobotModel, start: str, rng: np.random.Generator) -> Pose2:
-    """Draw where an episode begins, by `EpisodeConfig.start`.
+def draw_pose(world: World, robot: RobotModel, config: EpisodeConfig, rng: np.random.Generator) -> Pose2:
+    """Draw where an episode begins, by the `start` of its rules.
 
     Raises:
         WorldError: as `anywhere_poses`.
     """
-    ((x, y, yaw),) = draw_poses(world, robot, start, rng, 1).tolist()
+    ((x, y, yaw),) = draw_poses(world, robot, config, rng, 1).tolist()
     return Pose2(x, y, yaw)
 
 
-def draw_poses(world: World, robot: RobotModel, start: str, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+def draw_poses(
+    world: World, robot: RobotModel, config: EpisodeConfig, rng: np.random.Generator, n: int
+) -> NDArray[np.float64]:
     """Draw (n, 3) such poses: x, y in m and yaw in rad."""
-    if start == "anywhere":
-        return anywhere_poses(world, robot, rng, n)
+    if config.start == "anywhere":
+        return anywhere_poses(world, robot, rng, n, config.anywhere_yaw_rad)
     poses = [start_pose(world, rng) for _ in range(n)]
     drawn = np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
-    if start == "either":
+    if config.start == "either":
         there = rng.random(n) < 0.5
-        drawn[there] = anywhere_poses(world, robot, rng, int(there.sum()))
+        drawn[there] = anywhere_poses(world, robot, rng, int(there.sum()), config.anywhere_yaw_rad)
     return drawn
 
 
@@ -85,8 +82,10 @@ def start_pose(world: World, rng: np.random.Generator) -> Pose2:
     return Pose2(start.pose.x + x, start.pose.y + y, start.pose.yaw + dyaw)
 
 
-def anywhere_poses(world: World, robot: RobotModel, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-    """Draw (n, 3) free poses (x, y in m, yaw in rad) along the centre line before the exit, within 0.5 rad of the path.
+def anywhere_poses(
+    world: World, robot: RobotModel, rng: np.random.Generator, n: int, yaw_rad: float = EpisodeConfig.anywhere_yaw_rad
+) -> NDArray[np.float64]:
+    """Draw (n, 3) free poses (x, y in m, yaw in rad) along the centre line before the exit, within a yaw of the path.
 
     Raises:
         WorldError: the world has no centre line, or no free pose was found on it.
@@ -106,7 +105,7 @@ def anywhere_poses(world: World, robot: RobotModel, rng: np.random.Generator, n:
         heading = np.arctan2(*(line[i + 1] - line[i]).T[::-1])
         side = rng.uniform(-0.3, 0.3, n) * np.maximum(world.widths_m[i] - 0.6, 0.0)
         x, y = line[i].T + side * np.stack([-np.sin(heading), np.cos(heading)])
-        poses = np.stack([x, y, heading + rng.uniform(-0.5, 0.5, n)], axis=1)
+        poses = np.stack([x, y, heading + rng.uniform(-yaw_rad, yaw_rad, n)], axis=1)
         free = ~shapely.intersects(shapely.polygons(_placed(corners, poses)), world.walls)
         found.append(poses[free])
         if sum(map(len, found)) >= n:

@@ -136,6 +136,15 @@ def weighted_terms(step: RewardInput) -> dict[str, Array]:
     return {name: weights[name] * term(step) if weights.get(name) else none for name, term in TERMS.items()}
 
 
+def terminal_codes(config: RewardConfig) -> NDArray[np.bool_]:
+    """Return by code of an outcome, 0 while the episode goes on, whether the task ended rather than was cut off.
+
+    Gymnasium calls the one terminated, the other truncated. A stall ends the task where it is paid for.
+    """
+    cut_off = {Outcome.TIMEOUT} if config.stall is not None else {Outcome.TIMEOUT, Outcome.STALL}
+    return np.array([False, *(outcome not in cut_off for outcome in Outcome)])
+
+
 def rewards(terms: Mapping[str, Array], outcome: Array, config: RewardConfig) -> Array:
     """Return the (N,) rewards of a step (eq. 3): the sum of the terms, and on a terminal step R_c or R_r alone.
 
@@ -147,6 +156,8 @@ def rewards(terms: Mapping[str, Array], outcome: Array, config: RewardConfig) ->
     xp = namespace(outcome)
     false_exit = config.success if config.false_exit is None else config.false_exit
     paid = {Outcome.COLLISION: config.collision, Outcome.SUCCESS: config.success, Outcome.FALSE_EXIT: false_exit}
+    if config.stall is not None:
+        paid[Outcome.STALL] = config.stall
     total = sum(terms.values())
     for end, worth in paid.items():
         total = xp.where(outcome == end.code, worth, total)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import torch
+from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -12,7 +13,7 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
-from zebrat_bullet.training.ppo import RunPPO, ScaledRewards
+from zebrat_bullet.training.ppo import GridActions, RunPPO, ScaledRewards
 from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig, TrainConfig
 
 
@@ -47,7 +48,8 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     if isinstance(settings, PPOConfig):
         if settings.activation == "tanh":
             network["activation_fn"] = nn.Tanh
-        common["env"] = scaled(env, settings)
+        common["env"] = GridActions(env, settings) if settings.speeds else env
+        common["env"] = scaled(common["env"], settings)
         return RunPPO(
             "MlpPolicy",
             **common,
@@ -111,7 +113,8 @@ def to_agent(
     linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
     activation = "tanh" if isinstance(model, PPO) and model.policy.activation_fn is nn.Tanh else "relu"
-    return PolicyAgent(name, layers, observation, provenance, head, activation)
+    grid = (model.settings.speeds, model.settings.steerings) if isinstance(model, RunPPO) else ((), ())
+    return PolicyAgent(name, layers, observation, provenance, head, activation, grid)
 
 
 def _policy_networks(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
@@ -122,8 +125,9 @@ def _policy_networks(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
     if isinstance(model, PaperDQN):
         return [model.q_net.q_net], "argmax"
     assert isinstance(model, PPO)
-    discrete = hasattr(model.action_space, "n")
-    return [model.policy.mlp_extractor.policy_net, model.policy.action_net], "argmax" if discrete else "clip"
+    heads = {spaces.Discrete: "argmax", spaces.MultiDiscrete: "grid", spaces.Box: "clip"}
+    networks = [model.policy.mlp_extractor.policy_net, model.policy.action_net]
+    return networks, heads[type(model.action_space)]
 
 
 @torch.no_grad()

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from zebrat_bullet.arrays import on_host
-from zebrat_bullet.envs.planar_env import TERMINAL, PlanarVectorEnv
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.task.episode import Outcome
 
 
@@ -50,7 +50,7 @@ class PlanarVecEnv(VecEnv):
             code = int(outcome[car])
             infos[car] = {
                 "terminal_observation": last[i],
-                "TimeLimit.truncated": not TERMINAL[code],
+                "TimeLimit.truncated": not self.env.terminal[code],
                 "episode": {"r": float(self._returns[car]), "l": int(self._lengths[car])},
                 "outcome": str(Outcome.of(code)),
                 "is_success": code == Outcome.SUCCESS.code,

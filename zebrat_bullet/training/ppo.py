@@ -1,9 +1,12 @@
-"""Stable-Baselines3's PPO with schedules that end with the run, and a floor for its noise."""
+"""Stable-Baselines3's PPO with schedules that end with the run, a floor for its noise, and commands on a grid."""
 
 import math
 from typing import Any
 
+import numpy as np
 import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
@@ -38,6 +41,26 @@ class RunPPO(PPO):
         if self.settings.least_std > 0.0 and hasattr(self.policy, "log_std"):
             with torch.no_grad():
                 self.policy.log_std.clamp_(min=math.log(self.settings.least_std))
+
+
+class GridActions(VecEnvWrapper):
+    """Takes a choice of speed and one of steering instead of two fractions of the limits."""
+
+    def __init__(self, venv: Any, settings: PPOConfig) -> None:
+        self._grid = [np.array(values, dtype=np.float32) for values in (settings.speeds, settings.steerings)]
+        super().__init__(venv, action_space=spaces.MultiDiscrete([len(values) for values in self._grid]))
+
+    def reset(self) -> VecEnvObs:
+        """Reset the environments."""
+        return self.venv.reset()
+
+    def step_async(self, actions: NDArray[np.int64]) -> None:
+        """Take (N, 2) choices."""
+        self.venv.step_async(np.stack([values[i] for values, i in zip(self._grid, actions.T, strict=True)], axis=1))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Step the environments."""
+        return self.venv.step_wait()
 
 
 class ScaledRewards(VecEnvWrapper):

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 from zebrat_bullet.config import (
     RANDOM_DYNAMICS,
-    VLP16_NOISE,
     EpisodeConfig,
+    NoiseConfig,
     ObservationConfig,
     RewardConfig,
+    SafetyRegionConfig,
     TaskConfig,
     with_reward,
 )
@@ -72,21 +73,38 @@ _GENERAL = TrainConfig(
         n_steps=32,
         batch_size=2048,
         n_epochs=3,
-        gamma=0.98,
+        gamma=0.99,
         reward_scale=0.01,
-        log_std_init=-0.4,
-        least_std=0.1,
+        ent_coef=0.002,
+        speeds=(-1.0, -0.5, -0.2, 0.2, 0.5, 1.0),
+        steerings=(-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0),
     ),
     worlds=(),
     steps=20_000_000,
     # A second thread gains little, and waits for its turn where another process keeps a core busy.
     threads=1,
-    planar=PlanarConfig(n_tracks=5000, difficulty=0.8, n_eval_tracks=500),
+    planar=PlanarConfig(
+        n_tracks=8000,
+        # The more often, the more there is to learn.
+        families=(
+            *("mixed", "narrowing", "mixed", "narrowing", "mixed", "narrowing", "mixed", "narrowing", "narrowing"),
+            *("corners", "uturns", "uneven", "bottlenecks", "niches", "deadends", "deadends"),
+        ),
+        curriculum=0.02,
+        margin_m=0.005,
+        n_eval_tracks=800,
+        n_eval_starts=2,
+    ),
     task=TaskConfig(
+        # With 32 bearings, 0.3 m of wall can stand between two of those ahead.
+        region=SafetyRegionConfig(resolution_m=0.03),
         observation=ObservationConfig(log_gaps=True),
-        reward=RewardConfig(weights={"F": 1.0, "O": 0.1, "T": 1.0}, collision=-400.0, success=200.0, false_exit=-200.0),
-        episode=EpisodeConfig(start="anywhere", max_steps=600),
-        noise=VLP16_NOISE,
+        reward=RewardConfig(
+            weights={"F": 1.0, "O": 0.1, "T": 1.0}, collision=-400.0, success=400.0, false_exit=-200.0, stall=-300.0
+        ),
+        episode=EpisodeConfig(start="either", anywhere_yaw_rad=1.2, max_steps=600),
+        # Half of what the lidar has: with all of it a centimetre at the wall is not seen.
+        noise=NoiseConfig(range_sigma_m=0.004, dropout=0.01),
         dynamics=RANDOM_DYNAMICS,
     ),
 )

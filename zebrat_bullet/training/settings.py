@@ -121,6 +121,8 @@ class PPOConfig:
         reward_scale: factor on the reward that the learner sees; logs keep the task's.
         log_std_init, least_std: standard deviation of the actions, as a fraction of the limits: its logarithm at the
             start, and what it never falls below. Without noise a policy learns to shave walls.
+        speeds, steerings: fractions of the limits among which speed and steering are chosen, each by itself; empty for
+            continuous ones. A Gaussian has one peak, which between "forward" and "back" stands still.
     """
 
     algo: Literal["ppo", "ppo-discrete"] = "ppo"
@@ -138,9 +140,14 @@ class PPOConfig:
     reward_scale: float = 1.0
     log_std_init: float = 0.0
     least_std: float = 0.0
+    speeds: tuple[float, ...] = ()
+    steerings: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         _at_least_one(self, "n_steps", "batch_size", "n_epochs")
+        within(self, speeds=(-1.0, 1.0), steerings=(-1.0, 1.0))
+        if bool(self.speeds) != bool(self.steerings) or (self.speeds and self.algo != "ppo"):
+            raise ConfigError("name both speeds and steerings, of ppo, or neither")
         _shares(self, "gamma", "gae_lambda", "lr_final", "least_std")
         within(self, lr=_RATE, n_steps=(1, 10**6), batch_size=(1, 10**7), n_epochs=(1, 1000), clip_range=(0.0, 100.0))
         within(self, ent_coef=(-100.0, 100.0), reward_scale=(-1e6, 1e6), log_std_init=(-20.0, 20.0))

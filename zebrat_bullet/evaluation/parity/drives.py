@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.agent import RandomAgent, SmoothRandomAgent
 from zebrat_bullet.arrays import on_host
-from zebrat_bullet.config import DynamicsConfig, TaskConfig
+from zebrat_bullet.config import DynamicsConfig, EpisodeConfig, TaskConfig
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
@@ -107,7 +107,7 @@ def _agent(job: DriveJob) -> Agent:
 def _drive(drive: Drive, agent: Agent, rng: np.random.Generator, n_steps: int) -> tuple[list, ...]:
     """Return what one drive adds to the fields of `Drives`, in their order."""
     agent.reset(int(rng.integers(2**31)))
-    reading = drive.reset(rng, pose=draw_pose(drive.world, drive.robot, "anywhere", rng))
+    reading = drive.reset(rng, pose=draw_pose(drive.world, drive.robot, EpisodeConfig(start="anywhere"), rng))
     commands, states, level, rolling = [], [drive.state], [_look(drive, rng)], [reading.clearance.obs_m]
     for _ in range(n_steps):
         reading = drive.step(agent.act(reading)).reading
