@@ -76,7 +76,7 @@ _GENERAL = TrainConfig(
         gamma=0.99,
         reward_scale=0.01,
         ent_coef=0.002,
-        speeds=(-1.0, -0.5, -0.2, 0.2, 0.5, 1.0),
+        speeds=(-1.0, -0.4, 0.4, 1.0),
         steerings=(-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0),
     ),
     worlds=(),
