@@ -171,6 +171,15 @@ def test_standing_still_is_cut_off_as_a_stall_after_70_steps():
     env.close()
 
 
+def test_a_stall_that_costs_ends_the_task():
+    env = ZebratEnv("track_2", caster="embree", reward=RewardConfig(stall=-30.0))
+    env.reset(seed=0)
+    *_, last = (env.step(np.zeros(2, dtype=np.float32)) for _ in range(70))
+    _, reward, terminated, truncated, info = last
+    assert (reward, terminated, truncated, info["outcome"]) == (-30.0, True, False, "stall")
+    env.close()
+
+
 def test_rgb_array_draws_the_car():
     env = gymnasium.make("ZebraT/Track2-v0", caster="embree", render_mode="rgb_array")
     env.reset(seed=0)

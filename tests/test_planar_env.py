@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -19,7 +20,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
 
 import zebrat_bullet  # noqa: F401 (registers the ids)
-from zebrat_bullet.config import EpisodeConfig, TaskConfig
+from zebrat_bullet.config import EpisodeConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
@@ -82,6 +83,16 @@ def test_an_info_tells_of_the_episodes_that_ended() -> None:
             else:
                 assert info["final_obs"][car] is None and info["outcome"][car] is None
     assert outcomes >= {"collision", "timeout"}
+
+
+def test_a_stall_is_the_end_of_the_task_only_where_it_costs() -> None:
+    for stall, ends in ((None, False), (-30.0, True)):
+        task = replace(SHORT, reward=RewardConfig(stall=stall), episode=EpisodeConfig(stall_steps=5))
+        env = PlanarVectorEnv(2, "track_2", task=task)
+        env.reset(seed=0)
+        *_, last = (env.step(np.zeros((2, 2), dtype=np.float32)) for _ in range(5))
+        assert last[4]["outcome"].tolist() == ["stall"] * 2
+        assert (last[2] == ends).all() and (last[3] != ends).all() and (last[1] == -30.0).all() == ends
 
 
 def test_a_seed_fixes_all_that_follows_and_no_seed_goes_on() -> None:

@@ -1,6 +1,7 @@
 """Training on planar cars: a run folder like any other, resumed to the last bit, on tracks that are never judged."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
+from zebrat_bullet.agents.policy import load_policy
 from zebrat_bullet.config import to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
@@ -29,6 +31,18 @@ def tiny(**changes: object) -> TrainConfig:
     return replace(general, learner=learner, planar=planar, steps=6 * STEPS, threads=1, **changes)
 
 
+def dying(after: int) -> Callable[[object], None]:
+    """Return what interrupts a run at so many-th news of its progress."""
+    seen = []
+
+    def die(progress: object) -> None:
+        seen.append(progress)
+        if len(seen) == after:
+            raise KeyboardInterrupt
+
+    return die
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("planar") / "run"
@@ -46,16 +60,9 @@ def test_a_run_leaves_a_folder_like_any_other(finished: Path):
 
 
 def test_a_killed_run_ends_in_the_same_weights(finished: Path, tmp_path: Path):
-    seen = []
-
-    def die(progress: object) -> None:
-        seen.append(progress)
-        if len(seen) == 5:
-            raise KeyboardInterrupt
-
     killed = tmp_path / "killed"
     with pytest.raises(KeyboardInterrupt):
-        train(tiny(), killed, die)
+        train(tiny(), killed, dying(after=5))
     assert not (killed / "summary.json").exists()
     resume(killed)
     once, twice = load_file(finished / "last.safetensors"), load_file(killed / "last.safetensors")
@@ -112,6 +119,38 @@ def test_an_algorithm_with_discrete_actions_is_refused_before_any_track_is_drawn
     config = replace(tiny(), learner=PPOConfig(algo="ppo-discrete"))
     with pytest.raises(ConfigError, match="continuous"):
         train(config, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"speeds": (-1.0, 1.0)}, "both speeds and steerings"),
+        ({"speeds": (-2.0, 1.0), "steerings": (0.0,)}, "speeds must be -1 to 1, got -2.0"),
+        ({"speeds": (1.0,), "steerings": (0.0,), "algo": "ppo-discrete"}, "of ppo"),
+    ],
+)
+def test_a_grid_that_cannot_be_chosen_from_is_refused(settings: dict[str, object], said: str):
+    with pytest.raises(ConfigError, match=said):
+        PPOConfig(**settings)
+
+
+def test_a_run_on_a_grid_commands_what_is_on_it_and_resumes_to_the_last_bit(tmp_path: Path):
+    settings = TRAIN_PRESETS["allround"].learner
+    config = tiny()
+    config = replace(
+        config, learner=replace(config.learner, speeds=settings.speeds, steerings=settings.steerings), steps=4 * STEPS
+    )
+    train(config, tmp_path / "once")
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "killed", dying(after=3))
+    resume(tmp_path / "killed")
+    once, twice = (load_file(tmp_path / name / "last.safetensors") for name in ("once", "killed"))
+    assert all(np.array_equal(values, twice[name]) for name, values in once.items())
+    agent = load_policy(str(tmp_path / "once/last.safetensors"))
+    assert agent.head == "grid" and agent.grid == (settings.speeds, settings.steerings)
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (500, agent.observation.size)).astype(np.float32)
+    speeds, steerings = agent.action(observations).T
+    assert set(speeds) <= set(np.float32(settings.speeds)) and set(steerings) <= set(np.float32(settings.steerings))
 
 
 def test_the_preset_is_unguided_and_knows_no_shipped_world():

@@ -22,14 +22,16 @@ FAR = Reading(
 )
 
 
+GRID = ((-1.0, 0.5), (-1.0, 0.0, 0.25, 1.0))
+
+
 def policy(outputs: list[float], head: str = "tanh", activation: str = "relu") -> PolicyAgent:
     """Return a policy whose hidden units are -0.5 and 0.5 and whose outputs are (second unit / 0.5) * `outputs`."""
     hidden = np.zeros((2, 34), np.float32), np.array([-0.5, 0.5], np.float32)
     last = np.zeros((len(outputs), 2), np.float32)
     last[:, 1] = 2.0 * np.array(outputs, np.float32)
-    return PolicyAgent(
-        "made", [hidden, (last, np.zeros(len(outputs), np.float32))], SPEC, {"seed": 3}, head, activation
-    )
+    layers, grid = [hidden, (last, np.zeros(len(outputs), np.float32))], GRID if head == "grid" else ((), ())
+    return PolicyAgent("made", layers, SPEC, {"seed": 3}, head, activation, grid)
 
 
 def test_a_tanh_head_squashes_and_a_clip_head_cuts_off():
@@ -46,6 +48,14 @@ def test_an_argmax_head_names_one_of_the_six_commands():
     assert policy([9.0, 0.1, 0.2, 0.3, 0.4, 0.5], "argmax").act(FAR) == Command(-0.6, -0.6)
 
 
+def test_a_grid_head_chooses_speed_and_steering_each_by_itself():
+    agent = policy([0.1, 0.3, 0.2, 0.1, 0.5, 0.4], "grid")
+    assert agent.act(FAR) == Command(pytest.approx(0.3), pytest.approx(0.15))
+    assert policy([0.3, 0.1, 0.2, 0.1, 0.3, 0.4], "grid").act(FAR) == Command(pytest.approx(-0.6), pytest.approx(0.6))
+    many = agent.action(np.stack([SPEC.encode(FAR)] * 3))
+    assert many.tolist() == [[0.5, 0.25]] * 3
+
+
 def test_hidden_layers_are_rectified_or_squashed():
     observation = SPEC.encode(FAR)
     agent = policy([1.0, 1.0], "clip")
@@ -55,13 +65,14 @@ def test_hidden_layers_are_rectified_or_squashed():
     assert agent.output(observation) == pytest.approx(np.tanh([-0.5, 0.5]))
 
 
-@pytest.mark.parametrize("head", ["tanh", "clip", "argmax"])
+@pytest.mark.parametrize("head", ["tanh", "clip", "argmax", "grid"])
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
 def test_a_file_gives_back_the_policy(tmp_path, head, activation):
-    agent = policy(list(np.linspace(0.1, 0.6, 6 if head == "argmax" else 2)), head, activation)
+    agent = policy(list(np.linspace(0.1, 0.6, 6 if head in ("argmax", "grid") else 2)), head, activation)
     save_policy(agent, tmp_path / "p.safetensors")
     loaded = load_policy(str(tmp_path / "p.safetensors"))
     assert (loaded.head, loaded.activation, loaded.observation) == (head, activation, SPEC)
+    assert loaded.grid == agent.grid
     assert loaded.act(FAR) == agent.act(FAR) and loaded.provenance == {"seed": 3}
 
 
@@ -96,6 +107,7 @@ def test_a_shipped_policy_is_unguided_and_acts_as_its_layers_say(name):
         (2, "softmax", "relu", "head 'softmax'; there are tanh, clip, argmax"),
         (2, "tanh", "elu", "activation 'elu'; there are relu, tanh"),
         (2, "argmax", "relu", "2 outputs, its head 'argmax' needs 6"),
+        (5, "grid", "relu", "5 outputs, its head 'grid' needs 6"),
         (6, "tanh", "relu", "6 outputs, its head 'tanh' needs 2"),
     ],
 )

@@ -161,7 +161,7 @@ def add(command: AddCommand) -> None:
     """Add the commands of this file."""
     made = command(train, reward_options(), place_options())
     made.set_defaults(reward=None)
-    made.add_argument("--preset", choices=("paper", "general", "quick"), default="paper")
+    made.add_argument("--preset", choices=("paper", "general", "quick", "allround"), default="paper")
     made.add_argument(
         "--algo",
         choices=("ddpg", "dqn", "sac", "ppo", "ppo-discrete"),

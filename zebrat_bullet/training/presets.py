@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from zebrat_bullet.config import (
     RANDOM_DYNAMICS,
+    VLP16_NOISE,
     EpisodeConfig,
     NoiseConfig,
     ObservationConfig,
@@ -73,6 +74,41 @@ _GENERAL = TrainConfig(
         n_steps=32,
         batch_size=2048,
         n_epochs=3,
+        gamma=0.98,
+        reward_scale=0.01,
+        log_std_init=-0.4,
+        least_std=0.1,
+    ),
+    worlds=(),
+    steps=20_000_000,
+    # A second thread gains little, and waits for its turn where another process keeps a core busy.
+    threads=1,
+    planar=PlanarConfig(n_tracks=5000, difficulty=0.8, n_eval_tracks=500),
+    task=TaskConfig(
+        observation=ObservationConfig(log_gaps=True),
+        reward=RewardConfig(weights={"F": 1.0, "O": 0.1, "T": 1.0}, collision=-400.0, success=200.0, false_exit=-200.0),
+        episode=EpisodeConfig(start="anywhere", max_steps=600),
+        noise=VLP16_NOISE,
+        dynamics=RANDOM_DYNAMICS,
+    ),
+)
+
+_QUICK = replace(
+    _GENERAL,
+    steps=None,
+    max_minutes=4.75,
+    planar=PlanarConfig(n_tracks=600, difficulty=0.8, n_eval_tracks=100, eval_every_steps=250_000),
+)
+
+_ALLROUND = TrainConfig(
+    learner=PPOConfig(
+        hidden=(128, 128),
+        activation="tanh",
+        lr=1e-3,
+        lr_final=0.05,
+        n_steps=32,
+        batch_size=2048,
+        n_epochs=3,
         gamma=0.99,
         reward_scale=0.01,
         ent_coef=0.002,
@@ -81,7 +117,6 @@ _GENERAL = TrainConfig(
     ),
     worlds=(),
     steps=20_000_000,
-    # A second thread gains little, and waits for its turn where another process keeps a core busy.
     threads=1,
     planar=PlanarConfig(
         n_tracks=8000,
@@ -96,7 +131,7 @@ _GENERAL = TrainConfig(
         n_eval_starts=2,
     ),
     task=TaskConfig(
-        # With 32 bearings, 0.3 m of wall can stand between two of those ahead.
+        # With 32 bearings an inner corner passes between two of them.
         region=SafetyRegionConfig(resolution_m=0.03),
         observation=ObservationConfig(log_gaps=True),
         reward=RewardConfig(
@@ -109,13 +144,6 @@ _GENERAL = TrainConfig(
     ),
 )
 
-_QUICK = replace(
-    _GENERAL,
-    steps=None,
-    max_minutes=4.75,
-    planar=PlanarConfig(n_tracks=600, difficulty=0.8, n_eval_tracks=100, eval_every_steps=250_000),
-)
-
-TRAIN_PRESETS = {"paper": TrainConfig(), "general": _GENERAL, "quick": _QUICK}
+TRAIN_PRESETS = {"paper": TrainConfig(), "general": _GENERAL, "quick": _QUICK, "allround": _ALLROUND}
 """`paper`: the paper's. `general`: ours, on planar cars by the thousand, drives where it has never been. `quick`: the
-same within a few minutes, for a first look."""
+same within a few minutes, for a first look. `allround`: on every family of tracks, also those that need reversing."""
