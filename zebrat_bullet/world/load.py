@@ -7,8 +7,12 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+import shapely
+import shapely.errors
+
 from zebrat_bullet.assets import asset_folder, find_asset
 from zebrat_bullet.errors import WorldError
+from zebrat_bullet.files import shown
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
@@ -51,7 +55,7 @@ def load_world(
     reference = parse_reference(str(name_or_path)).with_places(start, goal, exit)
     path = find_asset("worlds", reference.name, ".yaml")
     spec = _varied(_spec(path), reference, str(path))
-    world = build_world(spec, path)
+    world = _built(spec, path)
     robot = robot or default_robot()
     if spec.goal is not None or spec.waypoints is not None:
         world = _without_blind_line(world, spec, robot)
@@ -114,12 +118,21 @@ def sketch_world(
     path = find_asset("worlds", reference.name, ".yaml")
     spec = _spec(path)
     try:
-        return build_world(_varied(spec, reference, str(path)), path)
+        return _built(_varied(spec, reference, str(path)), path)
     except WorldError:
         if spec.mesh is None and spec.map is None:
             raise
     bare = spec.model_copy(update={"centre_line": None, "open_line": None, "low": spec.mesh is not None})
-    return build_world(_varied(bare, replace(reference, exit=None), str(path)), path)
+    return _built(_varied(bare, replace(reference, exit=None), str(path)), path)
+
+
+def _built(spec: WorldSpec, path: Path) -> World:
+    try:
+        return build_world(spec, path)
+    except shapely.errors.ShapelyError as error:
+        raise WorldError(
+            f"{shown(path)}: its outlines cannot be worked out ({error}); move the corners that lie on each other apart"
+        ) from error
 
 
 def _source(path: Path) -> str:
