@@ -57,9 +57,7 @@ def _check_line(line: NDArray[np.float64], source: str) -> None:
     yaws = np.arctan2(steps[:, 1], steps[:, 0])
     back = np.flatnonzero(np.cos(np.diff(yaws)) < math.cos(math.radians(_MOST_TURN_DEG)))
     if len(back):
-        raise WorldError(
-            f"{source}: centre_line: turns straight back at its point {back[0] + 2}; lead it round in a bow"
-        )
+        raise WorldError(f"{source}: centre_line: turns straight back at its point {back[0] + 2}; lead it round a bow")
 
 
 def point_outward(line: NDArray[np.float64], exit_pose: Pose2) -> NDArray[np.float64]:
