@@ -34,7 +34,7 @@ def test_the_page_on_worlds_of_ones_own_does_what_it_says(
                 if expected:
                     assert "It would stand free at (" in said.err
                 if "oracle" in words:
-                    assert "100%" in said.out or "100%" in (Path(words[words.index("--out") + 1]) / "table.md").read_text()
+                    assert "100%" in (Path(words[words.index("--out") + 1]) / "table.md").read_text()
     assert len(done) >= 9
     for picture in ("look.png", "corridor.png", "room.png", "circuit.png"):
         assert Path(picture).stat().st_size > 5000

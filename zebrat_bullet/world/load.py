@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +11,7 @@ import shapely
 import shapely.errors
 
 from zebrat_bullet.assets import asset_folder, find_asset
-from zebrat_bullet.errors import WorldError
+from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.files import shown
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
@@ -79,15 +79,19 @@ def load_worlds(
     Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
 
     Raises:
-        AssetError, WorldError: as `load_world`, or there is no world, or not one for the start, goal or exit.
+        ConfigError: there is no world, or not one for the start, goal or exit.
+        AssetError, WorldError: as `load_world`.
     """
-    named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
+    alone = isinstance(worlds, str | Path | World) or not isinstance(worlds, Iterable)
+    named = [worlds] if alone else list(worlds)
     wrong = [each for each in named if not isinstance(each, str | Path | World)]
     if not named or wrong:
-        raise WorldError(f"a world is a name, a path or a World, or a list of these with at least one, got {worlds!r}")
+        raise ConfigError(
+            f"a world is a name, a path or a World, or a list with at least one, got {shown(repr(worlds))}"
+        )
     placed = start is not None or goal is not None or exit is not None
     if placed and (len(named) > 1 or isinstance(named[0], World)):
-        raise WorldError("start, goal and exit go with one world by name or path; name them in each world's file")
+        raise ConfigError("start, goal and exit go with one world by name or path; name them in each world's file")
     loaded = [
         each if isinstance(each, World) else load_world(each, start=start, goal=goal, exit=exit, robot=robot)
         for each in named
