@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from zebrat_bullet.cli.main import main
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.training.sweep_run import claim
 
@@ -123,10 +124,23 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("train", "--set", "bach_size=3", "--out", "/nonexistent/x"), "cannot set 'bach_size=3'"),
         (("train", "--resume", "--out", "/nonexistent/x"), "holds no training run"),
         (("train", "--resume", "--set", "episodes=3", "--out", "/nonexistent/x"), "keeps the settings"),
-        (("replay", "/nonexistent/x.npz"), "not an episode record"),
+        (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
     ],
 )
 def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):
     done = zebrat(*arguments, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_what_slips_through_is_one_line_that_calls_it_our_bug_and_debug_shows_where(monkeypatch, capsys):
+    def fail(*arguments):
+        raise RuntimeError("odd\nthing")
+
+    monkeypatch.setattr("zebrat_bullet.assets.list_assets", fail)
+    assert main(["sets"]) == 3
+    said = capsys.readouterr()
+    assert said.err.startswith("zebrat sets: this is a bug of ours: RuntimeError: odd thing; run it again with --debug")
+    assert len(said.err.splitlines()) == 1 and not said.out
+    with pytest.raises(RuntimeError, match="odd"):
+        main(["sets", "--debug"])

@@ -26,7 +26,7 @@ from zebrat_bullet.errors import PolicyError
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.geometry import footprint_hits, rotation_2d
 from zebrat_bullet.report.region_figure import draw_regions
-from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.robot import RobotModel, inspect_robot, load_robot
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.simulation import Simulation
@@ -188,5 +188,5 @@ def test_a_policy_is_refused_on_a_car_with_as_many_bearings_that_lie_otherwise()
 
 def test_the_figure_of_their_regions_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "regions.png"
-    draw_regions([(name, load_robot(name)) for name in NAMES], SafetyRegionConfig(), path)
+    draw_regions({name: inspect_robot(name) for name in NAMES}, SafetyRegionConfig(), path)
     assert path.read_bytes().startswith(b"\x89PNG")

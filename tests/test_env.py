@@ -1,23 +1,28 @@
 """The gymnasium environment: contracts, independence, determinism, and what it refuses."""
 
+import copy
 import math
+import pickle
 import subprocess
 import sys
 import warnings
 from pathlib import Path
 
+import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, TaskConfig
+from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.registration import env_id
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
-from zebrat_bullet.errors import ActionError, ConfigError
+from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError
+from zebrat_bullet.types import Pose2
 
 
 def drive(env: gymnasium.Env, seed: int, n_steps: int) -> np.ndarray:
@@ -194,3 +199,111 @@ def test_episodes_begin_anywhere_where_the_task_says_so():
         away.append(math.hypot(pose.x - start.x, pose.y - start.y))
     env.close()
     assert sum(distance > 0.5 for distance in away) >= 15 and max(away) > 5.0
+
+
+def recreate(env: gymnasium.Env, how: str) -> gymnasium.Env:
+    if how == "deepcopy":
+        return copy.deepcopy(env)
+    module = {"pickle": pickle, "cloudpickle": cloudpickle}[how]
+    return module.loads(module.dumps(env))
+
+
+@pytest.mark.parametrize("how", ["deepcopy", "pickle", "cloudpickle"])
+def test_a_copy_stands_where_the_original_does_and_drives_on_alone(how):
+    env = gymnasium.make("ZebraT/Track2-v0", caster="embree")
+    env.reset(seed=3, options={"episode": 4})
+    action = np.array([0.7, -0.2], np.float32)
+    env.step(action)
+    one, two = recreate(env, how), recreate(env, how)
+    ahead = one.step(action)
+    one.step(action)
+    assert one.unwrapped.drive.sim.client_id != env.unwrapped.drive.sim.client_id
+    for other in (two, env):  # untouched by what the first copy drove
+        then = other.step(action)
+        assert np.array_equal(then[0], ahead[0]) and then[1:4] == ahead[1:4]
+    assert np.array_equal(two.reset()[0], env.reset()[0])
+    for each in (one, two, env):
+        each.close()
+
+
+PLAIN = {
+    "robot": "hexagon",
+    "noise": {"range_sigma_m": 0.01},
+    "reward": {"weights": {"F": 1.0}, "collision": -7.0},
+    "task": {"episode": {"max_steps": 9}, "lidar": {"caster": "embree"}},
+}
+
+
+def test_settings_are_plain_data_too_and_a_spec_comes_back_from_json():
+    env = gymnasium.make("ZebraT/Track2-v0", **PLAIN)
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    task = TaskConfig(
+        robot="hexagon",
+        noise=NoiseConfig(range_sigma_m=0.01),
+        reward=RewardConfig(weights={"F": 1.0}, collision=-7.0),
+        episode=EpisodeConfig(max_steps=9),
+        lidar=LidarConfig(caster="embree"),
+    )
+    assert env.unwrapped.drive.config == again.unwrapped.drive.config == task
+    env.close()
+    again.close()
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"task": {"robt": "x"}}, "TaskConfig has no 'robt'; it has robot, physics"),
+        ({"task": {"episode": {"max_step": 3}}}, "TaskConfig.episode has no 'max_step'; it has max_steps"),
+        ({"noise": {"dropout": "much"}}, "not a valid NoiseConfig"),
+        ({"noise": 0.1}, "settings are a NoiseConfig or a mapping of its fields, got '0.1'"),
+        ({"reward": {"weights": {"F": {1, 2}}}}, "no plain data"),
+    ],
+)
+def test_plain_settings_that_cannot_be_meant_are_refused(settings, said):
+    with pytest.raises(ConfigError, match=said):
+        ZebratEnv("track_2", **settings)
+
+
+def test_info_has_the_same_keys_of_the_same_kinds_at_reset_and_at_every_step():
+    env = ZebratEnv("track_2", caster="embree", task=TaskConfig(episode=EpisodeConfig(max_steps=2)))
+    infos = [env.reset(seed=0)[1], *(env.step([1.0, 0.0])[4] for _ in range(2))]
+    kinds = [{name: type(value) for name, value in info.items()} for info in infos]
+    assert kinds[0] == kinds[1] == kinds[2] and infos[0]["terms"].keys() == infos[1]["terms"].keys()
+    assert [info["outcome"] for info in infos] == ["", "", "timeout"]
+    env.close()
+
+
+def test_there_is_nothing_to_step_or_draw_before_reset_and_after_close():
+    env = ZebratEnv("track_2", caster="embree", render_mode="rgb_array")
+    for act in (lambda: env.step([0.0, 0.0]), env.render):
+        with pytest.raises(EpisodeError, match="no episode was begun yet; call reset"):
+            act()
+    env.close()
+    for act in (env.reset, lambda: env.step([0.0, 0.0]), env.render, lambda: copy.deepcopy(env)):
+        with pytest.raises(EpisodeError, match="is closed; make a new one"):
+            act()
+
+
+@pytest.mark.parametrize("pose", [(2.0, 0.1, 0.2), [2.0, 0.1, 0.2], np.array([2.0, 0.1, 0.2]), Pose2(2.0, 0.1, 0.2)])
+def test_a_start_pose_is_three_numbers_of_any_kind(pose):
+    env = ZebratEnv("track_2", caster="embree")
+    assert env.reset(options={"pose": pose})[1]["pose"] == pytest.approx((2.0, 0.1, 0.2))
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"seat": 1}, r"no option \['seat'\]; there are episode and pose"),
+        ({"episode": -1}, "a whole number from 0 up"),
+        ({"episode": "two"}, "a whole number from 0 up"),
+        ({"pose": (1.0, 2.0)}, r"a Pose2 or \(x, y, yaw\)"),
+        ({"pose": "here"}, r"a Pose2 or \(x, y, yaw\)"),
+        ({"pose": (1.0, 2.0, math.nan)}, "must be finite"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(options, said):
+    env = ZebratEnv("track_2", caster="embree")
+    with pytest.raises(ConfigError, match=said):
+        env.reset(options=options)
+    env.close()

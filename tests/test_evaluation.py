@@ -101,7 +101,7 @@ def test_a_saved_record_replays_exactly_with_noise(tmp_path, caster):
 
 def test_a_file_that_is_no_record_is_refused(tmp_path):
     (tmp_path / "x.npz").write_bytes(b"nothing")
-    with pytest.raises(ZebratError, match="not an episode record"):
+    with pytest.raises(ZebratError, match="no whole zip archive"):
         load_record(tmp_path / "x.npz")
 
 

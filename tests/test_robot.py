@@ -76,7 +76,8 @@ def test_vertices_along_the_sides_of_a_mesh_are_no_corners(tmp_path: Path) -> No
     path = edited(tmp_path, '<box size="0.48 0.30 0.14"/>', '<mesh filename="body.stl"/>')
     path.write_text(path.read_text().replace('xyz="0.25 0 0.10"', 'xyz="0 0 0.10"'))  # the bumper, into the box
     corners = np.array([[-0.2, 0.1], [-0.2, -0.1], [0.2, -0.1], [0.2, 0.1]]) @ rotation_2d(np.radians(30.0)).T
-    np.testing.assert_allclose(load_robot(path).footprint_base, corners, atol=1e-6)
+    seen = load_robot(f"{path}:footprint=collision").footprint_base  # its wheels stand outside
+    np.testing.assert_allclose(seen, corners, atol=1e-6)
 
 
 def test_a_hollow_in_the_body_belongs_to_the_footprint(tmp_path: Path) -> None:
@@ -88,23 +89,23 @@ def test_a_hollow_in_the_body_belongs_to_the_footprint(tmp_path: Path) -> None:
 
 def test_missing_roles_are_named_with_all_that_is_needed(tmp_path: Path) -> None:
     path = edited(tmp_path, "left_steering_hinge_joint", "left_kingpin")
-    with pytest.raises(RobotError, match=r"lacks the joints left_steering_hinge_joint; .*lidar_mount \(fixed\)"):
+    with pytest.raises(RobotError, match=r"lacks the joints left_steering_hinge_joint; .*lidar_mount \(fixed"):
         load_robot(path)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "count", "reason"),
     [
-        ('"0.16 0.12 0.06"', '"0.16 0.13 0.06"', -1, "mirror"),
-        ('"0.16 ', '"0.17 ', 1, "mirror"),
+        ('"0.16 0.12 0.06"', '"0.16 0.15 0.06"', -1, "mirror"),
+        ('"0.16 ', '"0.18 ', 1, "mirror"),
         ('radius="0.06"', 'radius="0.05"', 1, "one radius"),
-        (' 0.06"/>', ' 0.10"/>', -1, "on the floor"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', 1, "axis of left_rear_wheel_joint"),
+        ('radius="0.06"', 'radius="0.05"', 1, "on one floor"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/>', 1, "across its axle"),
         ('type="revolute"', 'type="fixed"', 1, "make it revolute"),
-        ('effort="5"', 'effort="0"', 1, "effort and velocity"),
+        ('effort="5"', 'effort="0"', 1, "effort above 0"),
         ('<parent link="left_knuckle"/>', '<parent link="base_footprint"/>', 1, "cannot steer"),
         ('<cylinder radius="0.06" length="0.006"/>', '<box size="1 1 1"/>', 1, "a cylinder"),
-        ('<mass value="8"/>', '<mass value="0"/>', 1, "with a mass"),
+        ('<mass value="8"/>', '<mass value="0"/>', 1, "tip over"),
         ('<box size="0.48 0.30 0.14"/>', '<mesh filename="gone.obj"/>', 1, "no mesh at"),
     ],
 )

@@ -1,15 +1,17 @@
 """Ackermann geometry, by hand for ZebraT: wheelbase 0.56 m, track 0.49 m, wheels of 0.15 m."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import ActionError, RobotError
-from zebrat_bullet.robot import load_robot
-from zebrat_bullet.sim.ackermann import check_limits, clip_command, virtual_steering, wheel_targets
+from zebrat_bullet.errors import ActionError
+from zebrat_bullet.robot import load_robot, within_limits
+from zebrat_bullet.sim.ackermann import clip_command, virtual_steering, wheel_targets
 from zebrat_bullet.types import Command
 
 ROBOT = load_robot("zebrat")
@@ -60,6 +62,14 @@ def test_commands_that_are_not_finite_are_refused(bad: float) -> None:
 
 
 @pytest.mark.parametrize("steering", [0.7, 1.3])
-def test_steering_wider_than_the_hinges_is_refused(steering: float) -> None:
-    with pytest.raises(RobotError, match=r"hinge allows 0\.85"):
-        check_limits(ROBOT, PhysicsConfig(max_steering_rad=steering))
+def test_steering_is_no_wider_than_the_hinges_allow(steering: float) -> None:
+    lock = within_limits(PhysicsConfig(max_steering_rad=steering), ROBOT).max_steering_rad
+    inner, _ = wheel_targets(Command(0.0, lock), ROBOT).knuckle_rad
+    assert inner == pytest.approx(0.85, abs=1e-6) and inner <= 0.85
+
+
+def test_no_wheel_is_asked_to_turn_faster_than_its_motor_can() -> None:
+    slow = replace(ROBOT, wheel_speed_radps=2.0)
+    free, held = (wheel_targets(Command(0.6, 0.5), robot).wheel_radps for robot in (ROBOT, slow))
+    assert max(held) == pytest.approx(2.0)
+    np.testing.assert_allclose(np.array(held) / held[0], np.array(free) / free[0])  # the same circle

@@ -1,11 +1,17 @@
 """Training: the paper's two rates and exploration, the run folder, and a killed run that goes on."""
 
+import base64
+import contextlib
 import json
+import pickle
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +37,6 @@ from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
-from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
@@ -221,7 +226,7 @@ def test_what_cannot_be_resumed_says_why(tmp_path):
     with pytest.raises(ConfigError, match="holds no training run"):
         resume(tmp_path)
     with pytest.raises(ZebratError, match="no checkpoint was written yet"):
-        load_checkpoint(tmp_path / "checkpoint", "ddpg", None)
+        load_checkpoint(tmp_path / "checkpoint", None)
 
 
 def test_overrides_reach_nested_settings_and_refuse_unknown_ones():
@@ -251,13 +256,13 @@ def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
     path.write_text("- episodes")
     with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
         overrides_of(path)
-    with pytest.raises(ConfigError, match="cannot read settings"):
+    with pytest.raises(ConfigError, match="no such file"):
         overrides_of(tmp_path / "none.yaml")
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path):
     (tmp_path / "x.safetensors").write_bytes(b"nothing at all")
-    with pytest.raises(PolicyError, match="not a safetensors file"):
+    with pytest.raises(PolicyError, match="no whole safetensors file"):
         load_agent(str(tmp_path / "x.safetensors"), TaskConfig())
 
 
@@ -271,9 +276,10 @@ def test_fine_tuning_begins_with_the_networks_of_the_best_model(tmp_path):
     assert all(np.array_equal(first[key], second[key]) for key in first)
 
 
-def test_fine_tuning_that_finds_nothing_better_keeps_what_it_began_with(tmp_path):
+def test_fine_tuning_that_finds_nothing_better_keeps_what_it_began_with(tmp_path, learner):
     train(replace(TINY, episodes=1), tmp_path / "first")
-    stands, _ = load_checkpoint(tmp_path / "first" / "checkpoint", "ddpg", None)
+    stands, _ = learner
+    load_checkpoint(tmp_path / "first" / "checkpoint", stands)
     for parameter in stands.actor.parameters():
         parameter.data.zero_()  # no speed, no collision
     stands.save(tmp_path / "stands.zip")
@@ -347,5 +353,62 @@ def test_ppo_keeps_its_falling_rate_and_its_rewards_scale_over_a_resume(tmp_path
     resume(tmp_path / "killed")
     whole, killed = (load_file(tmp_path / name / "last.safetensors") for name in ("whole", "killed"))
     assert all(np.array_equal(values, killed[name]) for name, values in whole.items())
-    ended = RunPPO.load(tmp_path / "whole" / "checkpoint" / "model.zip", device="cpu")
-    assert ended.policy.optimizer.param_groups[0]["lr"] < config.learner.lr
+    train(replace(config, learner=replace(config.learner, lr_final=1.0)), tmp_path / "constant")
+    constant = load_file(tmp_path / "constant" / "last.safetensors")
+    assert any(not np.array_equal(values, constant[name]) for name, values in whole.items())
+
+
+class Bomb:
+    """Unpickled, it leaves a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (str(self.path), "w"))
+
+
+def test_nothing_in_a_folder_of_others_is_unpickled(tmp_path):
+    """Each file of a run is replaced in turn by a pickle that would leave a file behind."""
+    run, exploded = tmp_path / "run", tmp_path / "exploded"
+    train(replace(TINY, episodes=1), run)
+    (run / "summary.json").unlink()
+    names = [path.relative_to(run) for path in run.rglob("*") if path.is_file() and "tensorboard" not in path.parts]
+    assert {path.suffix for path in names} <= {".safetensors", ".npz", ".json", ".csv", ".zip"}
+    for name in [*names, Path("checkpoint/model.zip"), Path("checkpoint/replay.pkl")]:
+        place = tmp_path / "theirs"
+        shutil.copytree(run, place)
+        (place / name).write_bytes(pickle.dumps(Bomb(exploded)))
+        with contextlib.suppress(ZebratError):
+            resume(place)
+        for agent in (place, place / "best.zip"):
+            with contextlib.suppress(ZebratError):
+                load_agent(str(agent), TINY.task)
+        assert not exploded.exists(), name
+        shutil.rmtree(place)
+    (run / "checkpoint" / "model.zip").write_bytes(b"")
+    with pytest.raises(ZebratError, match="holds pickles, as earlier versions wrote them"):
+        resume(run)
+
+
+def test_a_model_to_begin_with_gives_its_tensors_and_its_pickles_stay_shut(tmp_path):
+    exploded = tmp_path / "exploded"
+    train(replace(TINY, episodes=1), tmp_path / "first")
+    bomb = pickle.dumps(Bomb(exploded))
+    for member, content in (
+        ("data", json.dumps({"policy_class": {":type:": "x", ":serialized:": base64.b64encode(bomb).decode()}})),
+        ("policy.pth", bomb),
+        ("policy.pth", b""),
+        ("pytorch_variables.pth", bomb),
+    ):
+        with zipfile.ZipFile(tmp_path / "first" / "best.zip") as archive:
+            members = {name: archive.read(name) for name in archive.namelist()} | {member: content}
+        with zipfile.ZipFile(tmp_path / "init.zip", "w") as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+        config = replace(TINY, episodes=1, init=str(tmp_path / "init.zip"))
+        refused = member == "policy.pth"
+        with pytest.raises(ConfigError, match=r"init\.zip") if refused else contextlib.nullcontext():
+            train(config, tmp_path / f"second-{member}")
+        shutil.rmtree(tmp_path / f"second-{member}")
+        assert not exploded.exists(), member

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from zebrat_bullet.errors import AssetError
+from zebrat_bullet.files import is_file, shown
 
 _PACKAGE = Path(__file__).parent
 
@@ -23,12 +24,12 @@ def find_asset(kind: str, name: str, suffix: str) -> Path:
         AssetError: neither a file at `name` nor a shipped asset of that name exists.
     """
     shipped = asset_folder(kind) / f"{name}{suffix}"
-    if shipped.is_file():
+    if is_file(shipped):
         return shipped
-    if Path(name).is_file():
+    if is_file(name):
         return Path(name)
     known = ", ".join(list_assets(kind, suffix)) or "none"
-    raise AssetError(f"no {kind} named {name!r} and no file at that path; shipped are: {known}")
+    raise AssetError(f"no {kind} named {shown(name)!r} and no file at that path; shipped are: {known}")
 
 
 def list_assets(kind: str, suffix: str) -> list[str]:

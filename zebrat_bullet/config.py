@@ -7,15 +7,31 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import parse_yaml, read_text, read_yaml, refusing, shown
+
+MOST_SEED = 2**31 - 1
+"""Greatest seed of a run; its evaluations and their episodes draw from seeds beyond it."""
 
 
 def _require(ok: bool, message: str) -> None:
     if not ok:
         raise ConfigError(message)
+
+
+def within(config: object, **bounds: tuple[float, float]) -> None:
+    """Raise unless each named number of a settings dataclass, or each of a tuple of them, is within its bounds.
+
+    Raises:
+        ConfigError: one is not, or is no finite number; None counts as within.
+    """
+    for name, (least, most) in bounds.items():
+        value = getattr(config, name)
+        for each in value if isinstance(value, tuple) else (value,):
+            # A number that is none compares as False with both.
+            _require(each is None or least <= each <= most, f"{name} must be {least:g} to {most:g}, got {each}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +56,7 @@ class PhysicsConfig:
 
     def __post_init__(self) -> None:
         _require(self.control_step_s > 0 and self.rate_hz > 0, "control_step_s and rate_hz must be above 0")
+        within(self, control_step_s=(0.001, 10.0), rate_hz=(0.1, 10_000.0), solver_iterations=(-math.inf, 1000))
         n = self.control_step_s * self.rate_hz
         _require(
             abs(n - round(n)) < 1e-6 and round(n) >= 1,
@@ -52,6 +69,7 @@ class PhysicsConfig:
             0 < self.max_steering_rad < math.pi / 2,
             f"max_steering_rad must be in (0, pi/2), got {self.max_steering_rad}",
         )
+        within(self, contact_breaking_m=(0.0, 1.0), max_speed_mps=(0.0, 100.0))
 
     @property
     def n_substeps(self) -> int:
@@ -93,6 +111,9 @@ class LidarConfig:
             "elevations must satisfy -pi/2 < min <= max < pi/2",
         )
         _require(self.range_max_m > 0, f"range_max_m must be above 0, got {self.range_max_m}")
+        within(self, n_channels=(1, 1024), n_bearings=(8, 36_000), range_max_m=(0.01, 1000.0))
+        n_beams = self.n_channels * self.n_bearings
+        _require(n_beams <= 2_000_000, f"a lidar has at most 2,000,000 beams, got {n_beams}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +134,7 @@ class NoiseConfig:
     def __post_init__(self) -> None:
         _require(self.range_sigma_m >= 0, f"range_sigma_m must be at least 0, got {self.range_sigma_m}")
         _require(0 <= self.dropout <= 1, f"dropout is a probability, got {self.dropout}")
+        within(self, range_sigma_m=(0.0, 100.0), mount_xyz_m=(-10.0, 10.0), mount_yaw_rad=(-10.0, 10.0))
 
 
 Range = tuple[float, float]
@@ -144,6 +166,7 @@ class DynamicsConfig:
                 _require(least >= 0, f"dynamics.{name} must be at least 0, got {least}")
         for name in ("acceleration", "steering_rate"):
             _require(getattr(self, name)[0] > 0, f"dynamics.{name} must be above 0, got {getattr(self, name)[0]}")
+        within(self, **dict.fromkeys(vars(self), (-1000.0, 1000.0)))
 
     @property
     def fixed(self) -> bool:
@@ -175,6 +198,7 @@ class FlattenConfig:
             self.height_min_m < self.height_max_m,
             f"height_min_m {self.height_min_m} must be below height_max_m {self.height_max_m}",
         )
+        within(self, height_min_m=(-1000.0, 1000.0), height_max_m=(-1000.0, 1000.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +219,7 @@ class SafetyRegionConfig:
         _require(self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}")
         _require(self.resolution_m > 0, f"resolution_m must be above 0, got {self.resolution_m}")
         _require(self.margin_m >= 0, f"margin_m must be at least 0, got {self.margin_m}")
+        within(self, resolution_m=(0.001, 100.0), margin_m=(0.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,6 +248,9 @@ class RewardConfig:
         object.__setattr__(self, "weights", dict(self.weights))
         _require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
         _require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
+        within(self, log_base=(1.0, 1e6), **dict.fromkeys(("collision", "success", "false_exit"), (-1e9, 1e9)))
+        wrong = {shown(name): weight for name, weight in self.weights.items() if not abs(weight) <= 1e9}
+        _require(not wrong and len(self.weights) <= 100, f"weights are at most 100 numbers up to 1e9, got {wrong}")
 
 
 REWARD_PRESETS = {
@@ -274,6 +302,8 @@ class EpisodeConfig:
 
     def __post_init__(self) -> None:
         _require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
+        within(self, max_steps=(1, 1_000_000), stall_steps=(1, 2**31 - 1), stall_distance_m=(-1e6, 1e6))
+        within(self, open_width_m=(-1e6, 1e6), out_m=(-1e6, 1e6))
         starts = ("start", "anywhere", "either")
         _require(self.start in starts, f"start must be one of {', '.join(starts)}, got {self.start!r}")
 
@@ -340,7 +370,43 @@ def from_json(kind: type[Config], text: str) -> Config:
     try:
         return TypeAdapter(kind).validate_json(text)
     except ValidationError as error:
-        raise ConfigError(f"not a valid {kind.__name__}: {error}") from error
+        raise ConfigError(f"not a valid {kind.__name__}: {shown(error, 1000)}") from error
+
+
+def from_plain(kind: type[Config], data: Config | Mapping[str, Any]) -> Config:
+    """Return settings of the given kind from plain data, as JSON and YAML hold them; what is left out is as by default.
+
+    Raises:
+        ConfigError: a name is unknown (the message lists those there are), or as `from_json`.
+    """
+    if isinstance(data, kind):
+        return data
+    if not isinstance(data, Mapping):
+        raise ConfigError(f"settings are a {kind.__name__} or a mapping of its fields, got {shown(data)!r}")
+    values = json.loads(to_json(kind()))
+    _update(values, data, kind.__name__)
+    with refusing(kind.__name__, ConfigError, "no plain data", "use numbers, texts, lists and mappings"):
+        return from_json(kind, json.dumps(values))
+
+
+def _update(values: dict[str, Any], data: Mapping[str, Any], where: str) -> None:
+    for name, value in data.items():
+        if name not in values:
+            raise ConfigError(f"{where} has no {shown(name)!r}; it has {', '.join(values)}")
+        if isinstance(values[name], dict) and isinstance(value, Mapping) and name != "weights":
+            _update(values[name], value, f"{where}.{name}")
+        else:
+            values[name] = value
+
+
+def read_config(kind: type[Config], path: Path) -> Config:
+    """Read a settings dataclass of the given kind from a JSON file.
+
+    Raises:
+        ConfigError: it cannot be read, or as `from_json`; the message names the file.
+    """
+    with refusing(path, ConfigError, f"holds no {kind.__name__}", "mend what it names, or leave the file out"):
+        return from_json(kind, read_text(path, ConfigError))
 
 
 def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
@@ -359,8 +425,18 @@ def with_overrides(config: Config, assignments: Sequence[str]) -> Config:
         if not equals or not isinstance(at, dict) or (last not in at and path[-1:] != ["weights"]):
             known = ", ".join(at) if isinstance(at, dict) else ", ".join(values)
             raise ConfigError(f"cannot set {assignment!r}: write key=value with a key of {known}")
-        at[last] = yaml.safe_load(text)
+        at[last] = parse_yaml(text, shown(assignment), ConfigError)
     return from_json(type(config), json.dumps(values))
+
+
+def with_settings_of(config: Config, path: Path, assignments: Sequence[str] = ()) -> Config:
+    """Return settings with some replaced by those of a YAML file, and further ones by "key=value" texts.
+
+    Raises:
+        ConfigError: as `overrides_of` and `with_overrides`; the message names the file.
+    """
+    with refusing(path, ConfigError, "holds settings that cannot be meant", "mend what it names"):
+        return with_overrides(config, [*overrides_of(path), *assignments])
 
 
 def overrides_of(path: Path) -> list[str]:
@@ -369,10 +445,7 @@ def overrides_of(path: Path) -> list[str]:
     Raises:
         ConfigError: the file cannot be read, or is not a mapping.
     """
-    try:
-        values = yaml.safe_load(path.read_text())
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigError(f"cannot read settings from {path}: {error}") from error
+    values = read_yaml(path, ConfigError)
     if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold settings as `key: value`, got {type(values).__name__}")
     return [f"{key}={json.dumps(value)}" for key, value in _dotted(values)]

@@ -29,6 +29,10 @@ class PolicyError(ZebratError, ValueError):
     """A policy file is not one of ours, or does not fit the observation."""
 
 
+class EpisodeError(ZebratError, RuntimeError):
+    """There is no episode to step or to draw: none was begun yet, or the environment is closed."""
+
+
 class SimulationError(ZebratError, RuntimeError):
     """The physics produced a non-finite number; the state that made it was saved."""
 

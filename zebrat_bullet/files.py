@@ -216,7 +216,7 @@ def _read_array(stream: IO[bytes], n_bytes: int) -> NDArray:
     if dtype.kind not in "biufSU":
         raise ValueError(f"an array of {shown(dtype)}; numbers and texts only")
     count = math.prod(shape)
-    if min(shape, default=0) < 0 or max(shape, default=0) > n_bytes or count * dtype.itemsize > n_bytes:
+    if min(shape, default=0) < 0 or max(shape, default=0) > max(n_bytes, MB) or count * dtype.itemsize > n_bytes:
         raise ValueError(f"an array that claims to be {shown(shape)} of {dtype}, in {n_bytes} bytes")
     data = stream.read(count * dtype.itemsize)
     flat = np.frombuffer(data, dtype, count).copy() if count else np.zeros(0, dtype)

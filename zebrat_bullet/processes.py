@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from zebrat_bullet.errors import ConfigError
 
+MOST_WORKERS = 256
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -29,8 +30,8 @@ def in_order(work: Callable[[T], R], things: Iterable[T], workers: int, batch: i
     Raises:
         ConfigError: fewer than one worker.
     """
-    if workers < 1:
-        raise ConfigError(f"workers must be at least 1, got {workers}")
+    if not 1 <= workers <= MOST_WORKERS:
+        raise ConfigError(f"workers must be at least 1, and at most {MOST_WORKERS}, got {workers}")
     return map(work, things) if workers == 1 else _in_processes(work, iter(things), workers, batch)
 
 

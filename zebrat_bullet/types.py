@@ -6,6 +6,7 @@ x forward, y left, z up; `_lidar` is the sensor's own. Yaw, bearings and steerin
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -14,8 +15,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array
 
 
-@dataclass(frozen=True, slots=True)
-class Pose2:
+class Pose2(NamedTuple):
     """A planar pose in the world frame: x, y in m, yaw in rad."""
 
     x: float

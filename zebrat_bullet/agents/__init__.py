@@ -1,17 +1,20 @@
 """Drivers behind one protocol, and the way to get one by name or file."""
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import TaskConfig, with_overrides
+from zebrat_bullet.config import TaskConfig, from_json, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.files import is_file, shown
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
-__all__ = ["PRIVILEGES", "Agent", "load_agent"]
+__all__ = ["PRIVILEGES", "Agent", "load_agent", "trained_task"]
 
 Factory = Callable[[TaskConfig, Sequence[str]], Agent]
 """Makes an agent for a task, its config varied by "key=value" texts; imports what it needs only then."""
@@ -30,6 +33,7 @@ def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) ->
         ConfigError: the agent has no such setting.
         PolicyError: the file is not a policy of this package, or its car watched its outline in another order.
     """
+    task = fitted(task)
     agent = _load(name_or_path, task)
     if isinstance(agent, PolicyAgent):
         _check_bearings(agent, task)
@@ -38,29 +42,53 @@ def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) ->
     return NoisyAgent(agent, noise_sigma, task.physics.max_speed_mps, task.physics.max_steering_rad)
 
 
+def trained_task(name_or_path: str) -> TaskConfig | None:
+    """Return the task that a policy was trained on, None of an agent that does not say one.
+
+    Raises:
+        AssetError, PolicyError: as `load_agent`.
+        ConfigError: what it says is no valid task.
+    """
+    if name_or_path.partition(":")[0] in FACTORIES:
+        return None
+    task = _load_policy(name_or_path).provenance.get("config", {})
+    task = task.get("task") if isinstance(task, dict) else None
+    return None if task is None else from_json(TaskConfig, json.dumps(task))
+
+
 def _load(name_or_path: str, task: TaskConfig) -> Agent:
     name, _, settings = name_or_path.partition(":")
     if name in FACTORIES:
         agent = FACTORIES[name](task, settings.split(",") if settings else [])
         agent.name = name_or_path
         return agent
-    if (Path(name_or_path) / "best.safetensors").is_file():
+    return _load_policy(name_or_path)
+
+
+def _load_policy(name_or_path: str) -> PolicyAgent:
+    if is_file(Path(name_or_path) / "best.safetensors"):
         return load_policy(str(Path(name_or_path) / "best.safetensors"))
     try:
         return load_policy(name_or_path)
     except AssetError as error:
         known = ", ".join([*FACTORIES, *list_assets("policies", ".safetensors")])
         raise AssetError(
-            f"no agent {name_or_path!r}: name one of {known}, a .safetensors policy, or a training run folder"
+            f"no agent {shown(name_or_path)!r}: name one of {known}, a .safetensors policy, or a training run folder"
         ) from error
 
 
 def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
     """Refuse a policy whose inputs would mean something else on this car, though there be as many of them."""
-    trained_on = policy.provenance.get("config", {}).get("task", {}).get("robot", task.robot)
-    if trained_on == task.robot:
+    trained_on: Any = policy.provenance
+    for key in ("config", "task", "robot"):
+        trained_on = trained_on.get(key) if isinstance(trained_on, dict) else None
+    if trained_on in (None, task.robot):
         return
-    then, now = (make_region(load_robot(r), task.region, task.lidar.n_bearings) for r in (trained_on, task.robot))
+    try:
+        cars = load_robot(str(trained_on)), load_robot(task.robot)
+    except AssetError:  # its car is not on this machine: the number of its inputs is all there is to compare
+        return
+    then, now = (make_region(car, task.region, task.lidar.n_bearings) for car in cars)
     if (then.back, then.right, then.front, then.left) != (now.back, now.right, now.front, now.left):
         raise PolicyError(
             f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "

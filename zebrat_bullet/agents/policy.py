@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from zebrat_bullet.assets import find_asset
+from zebrat_bullet.config import from_json
 from zebrat_bullet.errors import PolicyError
+from zebrat_bullet.files import parse_json, read_safetensors, refusing, shown
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
 from zebrat_bullet.types import Command, Reading
 
@@ -126,18 +127,39 @@ def load_policy(name_or_path: str) -> PolicyAgent:
         PolicyError: the file is not a policy of this package.
     """
     path = find_asset("policies", name_or_path, ".safetensors")
-    try:
-        with safe_open(path, framework="numpy") as file:
-            header = file.metadata() or {}
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a mapping)
-    except SafetensorError as error:
-        raise PolicyError(f"{path} is not a safetensors file ({error}); export one with `zebrat train`") from error
+    if path.suffix == ".zip":
+        raise PolicyError(
+            f"{path} is a model of Stable-Baselines3, which does not say what it observes; name the best.safetensors "
+            "beside it, or its run folder"
+        )
+    header, tensors = read_safetensors(path, PolicyError)
     if header.get("format") != FORMAT:
         raise PolicyError(f"{path} has format {header.get('format')!r}, expected {FORMAT!r}; was it exported by us?")
-    layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(len(tensors) // 2)]
-    observed = json.loads(header["observation"])
-    observed["gap_ranges_m"] = tuple(observed.get("gap_ranges_m", ()))  # JSON has lists only
-    observation = ObservationSpec(**observed)
-    # Files from before there was a choice name neither.
-    head, activation = header.get("head", "tanh"), header.get("activation", "relu")
-    return PolicyAgent(Path(path).stem, layers, observation, json.loads(header["provenance"]), head, activation)
+    with refusing(path, PolicyError, "is no policy of this package", "export it again with `zebrat train`"):
+        layers = _layers(tensors)
+        observation = from_json(ObservationSpec, header["observation"])
+        provenance = parse_json(header["provenance"], path, PolicyError)
+        if not isinstance(provenance, dict):
+            raise ValueError("its provenance is no mapping")
+        if observation.size != layers[0][0].shape[1]:
+            raise ValueError(f"it observes {observation.size} numbers, its first layer takes {layers[0][0].shape[1]}")
+        # Files from before there was a choice name neither.
+        head, activation = header.get("head", "tanh"), header.get("activation", "relu")
+        return PolicyAgent(Path(path).stem, layers, observation, provenance, head, activation)
+
+
+def _layers(tensors: Mapping[str, NDArray]) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Return the layers, each fitting to the one before it."""
+    n = len(tensors) // 2
+    names = [f"{i}.{part}" for i in range(n) for part in ("weight", "bias")]
+    if n == 0 or tensors.keys() != set(names):
+        raise ValueError(f"its tensors are {shown(sorted(tensors))}, not weight and bias of each layer, 0.weight on")
+    for name, array in tensors.items():
+        if array.dtype != np.float32 or not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite float32 numbers, it is {array.dtype}")
+    layers = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in range(n)]
+    for i, (weight, bias) in enumerate(layers):
+        n_in = len(layers[i - 1][1]) if i else weight.shape[-1]
+        if bias.ndim != 1 or weight.shape != (len(bias), n_in) or not weight.size:
+            raise ValueError(f"layer {i} has weights of shape {weight.shape} and biases of shape {bias.shape}")
+    return layers

@@ -11,8 +11,9 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
+from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_overrides, with_reward
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.robot.setup import FOOTPRINTS, named_robot
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
@@ -47,6 +48,46 @@ class AddCommand(Protocol):
 
     def __call__(self, run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
         """Return it, with the options of its parents."""
+
+
+def robot_options() -> argparse.ArgumentParser:
+    """Return the options of the car."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--robot", default="zebrat", help="URDF or xacro file, or name of a shipped car (default zebrat)")
+    made.add_argument(
+        "--joints",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="ROLE=NAME",
+        help="which joint of the URDF is what, e.g. left_rear_wheel_joint=rl_wheel lidar_mount=laser; also numbers "
+        "that it lacks: steering_limit_rad=0.5 (docs/your_own_car.md; or CAR.roles.yaml beside it)",
+    )
+    made.add_argument(
+        "--footprint",
+        choices=FOOTPRINTS,
+        help="outline of the body: of its collision shapes, the hull of all shapes, or whichever covers it (auto)",
+    )
+    return made
+
+
+def robot_settings(arguments: argparse.Namespace) -> list[str]:
+    """Return what the options say of the car's URDF."""
+    return [*arguments.joints, *([f"footprint={arguments.footprint}"] if arguments.footprint else [])]
+
+
+def name_robot(arguments: argparse.Namespace) -> None:
+    """Make one name, good for any folder, of --robot and what other options say of it.
+
+    Raises:
+        AssetError, RobotError: there is no such car, or no such setting of one.
+        ConfigError: settings without a car.
+    """
+    settings = robot_settings(arguments)
+    if arguments.robot is not None:
+        arguments.robot = named_robot(arguments.robot, settings)
+    elif settings:
+        raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
 
 
 def task_options() -> argparse.ArgumentParser:
@@ -149,13 +190,26 @@ def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:
 
 def task_of(arguments: argparse.Namespace) -> TaskConfig:
     """Return the task that the options describe."""
-    task = with_reward(TaskConfig(robot=arguments.robot), arguments.reward)
+    task = with_reward(TaskConfig(robot=arguments.robot or TaskConfig().robot), arguments.reward)
     task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
     if getattr(arguments, "anywhere", False):
         task = replace(task, episode=replace(task.episode, start="anywhere"))
     if getattr(arguments, "randomise", False):
         task = replace(task, noise=VLP16_NOISE, dynamics=RANDOM_DYNAMICS)
     return replace(task, noise=replace(task.noise, range_sigma_m=arguments.noise)) if arguments.noise else task
+
+
+def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
+    """Return the task that the options describe, with car, senses and limits as an agent was trained with.
+
+    What --robot and --set say goes before; where the agent's own differ from the default is noted.
+    """
+    from zebrat_bullet.evaluation.own_task import as_trained
+
+    task, differing = as_trained(task_of(arguments), agent, own_robot=arguments.robot is None)
+    if differing:
+        note(arguments, f"{agent} is judged under the task that it was trained on: {', '.join(differing)}")
+    return with_overrides(task, [text.removeprefix("task.") for text in arguments.set_task])
 
 
 def file_name(agent: str) -> str:

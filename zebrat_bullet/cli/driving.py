@@ -12,13 +12,13 @@ from zebrat_bullet.cli.common import (
     agents_option,
     file_name,
     noisy_options,
+    own_task_of,
     place_options,
     placed,
     progress_bar,
     randomise_option,
     reward_options,
     sim_option,
-    task_of,
     task_options,
     workers_option,
 )
@@ -35,6 +35,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.report.tables import comparison_table
 
+    _sort_set(arguments)
     if arguments.generated and arguments.set:
         raise ConfigError("--generated and --set both say what to drive; give one")
     if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
@@ -46,20 +47,23 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
         out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
-        scores, table = _evaluate_one(arguments, agent, out)
+        scores, table = _evaluate_one(arguments, agent, out, own_task_of(arguments, agent))
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
-    for agent in arguments.agent:
-        load_agent(agent, task_of(arguments))  # a wrong name is told before hours of driving
+    tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
+    for agent, task in tasks.items():
+        load_agent(agent, task)  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / "evaluate"
-    every = {agent: _evaluate_one(arguments, agent, out / file_name(agent))[0] for agent in arguments.agent}
-    table = comparison_table(every, _certified(arguments))
+    every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
+    table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
 
 
-def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tuple[dict[str, Score], str]":
+def _evaluate_one(
+    arguments: argparse.Namespace, agent: str, out: Path, task: TaskConfig
+) -> "tuple[dict[str, Score], str]":
     """Judge one agent, leave its records, scores and table in a folder, and return scores and table."""
     from zebrat_bullet.evaluation.judge import Judgement, judge
     from zebrat_bullet.report.tables import score_table
@@ -73,21 +77,21 @@ def _evaluate_one(arguments: argparse.Namespace, agent: str, out: Path) -> "tupl
         action_noise=arguments.action_noise,
         records=out / "records",
         workers=arguments.workers,
-        task=task_of(arguments),
+        task=task,
     )
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
         judged = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
     scores = {world: judged[reference] for world, reference in zip(arguments.worlds, references, strict=True)}
-    table = score_table(scores, _certified(arguments))
+    table = score_table(scores, _certified(arguments, task))
     (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
     return scores, table
 
 
-def _certified(arguments: argparse.Namespace) -> bool:
+def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
     """Return whether what is driven is what the shipped certificates are of."""
-    return arguments.robot == "zebrat" and arguments.start is None
+    return task.robot == TaskConfig().robot and arguments.start is None
 
 
 def replay(arguments: argparse.Namespace) -> Result:
@@ -119,7 +123,8 @@ def video(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
-    task = task_of(arguments)
+    _sort_set(arguments)
+    task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
     drive = Drive(task, load_world(reference, robot=load_robot(task.robot)))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
@@ -131,13 +136,26 @@ def video(arguments: argparse.Namespace) -> Result:
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
 
 
+def _sort_set(arguments: argparse.Namespace) -> None:
+    """Part what --set says: settings of the task (with "="), and the name of a held-out set."""
+    arguments.set_task = [text for text in arguments.set if "=" in text]
+    named = [text for text in arguments.set if "=" not in text]
+    wrong = [text for text in arguments.set_task if not text.startswith("task.")]
+    if len(named) > 1 or wrong:
+        raise ConfigError(
+            f"--set names one held-out set, or settings as task.KEY=VALUE, got {', '.join(named[:3] + wrong)}"
+        )
+    arguments.set = named[0] if named else None
+
+
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
+    from zebrat_bullet.config import from_json
     from zebrat_bullet.report.video import write_video
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.world import load_world
 
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    robot = load_robot(arguments.robot)
+    robot = load_robot(from_json(TaskConfig, record.task).robot)
     with progress_bar(arguments) as bar:
         shown = bar.add_task("drawing", total=None)
         write_video(
@@ -166,8 +184,15 @@ def add(command: AddCommand) -> None:
         help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
     )
     made.add_argument(
-        "--set", metavar="NAME", help="instead: a held-out set (`zebrat sets` lists them), --episodes in each track"
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME|task.KEY=VALUE",
+        help="instead: a held-out set (`zebrat sets` lists them), --episodes in each track; with =: a setting of the "
+        "task, e.g. task.lidar.range_max_m=4, instead of the one the agent was trained with",
     )
+    made.set_defaults(robot=None)  # then that of the agent
     made.add_argument("--tracks", type=int, help="only so many of --set, drawn from --seed (default: all)")
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
@@ -177,5 +202,7 @@ def add(command: AddCommand) -> None:
 
     made = command(video, task_options(), noisy_options(), randomise_option(), reward_options(), place_options())
     made.add_argument("--agent", default="shipped")
+    made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
+    made.set_defaults(robot=None)
     made.add_argument("--world", default="big_track")
     made.add_argument("--episode", type=int, default=0, help="which episode of the seed")

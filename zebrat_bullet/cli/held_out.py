@@ -13,8 +13,8 @@ from zebrat_bullet.cli.common import (
     PartialResultError,
     Result,
     file_name,
+    own_task_of,
     progress_bar,
-    task_of,
     workers_option,
 )
 from zebrat_bullet.errors import ConfigError
@@ -90,6 +90,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.report.held_out import set_table
 
     tracks = read_set(arguments.set)
+    tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
     how = SetJudgement(
         episodes=arguments.episodes,
         sim=arguments.sim,
@@ -97,7 +98,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         seed=arguments.seed,
         action_noise=arguments.action_noise,
         workers=_workers(arguments),
-        task=task_of(arguments),
+        task=tasks[arguments.agent[0]],
     )
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=None)
@@ -106,6 +107,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             tracks,
             how,
             lambda agent, done, total: bar.update(shown, description=f"judging {agent}", completed=done, total=total),
+            tasks,
         )
     out = arguments.out or Path("results") / f"set-{tracks.name}"
     out.mkdir(parents=True, exist_ok=True)
@@ -125,7 +127,7 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
     (agent,) = arguments.agent
     out = arguments.out or Path("results") / f"generated-{file_name(agent)}"
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
-    task, noise = task_of(arguments), arguments.action_noise
+    task, noise = own_task_of(arguments, agent), arguments.action_noise
     score = judge_generated(agent, seeds, arguments.episodes, task, action_noise=noise, workers=_workers(arguments))
     out.mkdir(parents=True, exist_ok=True)
     (out / "generated.json").write_text(json.dumps(score.as_dict()))

@@ -20,7 +20,7 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config import overrides_of, with_overrides
+from zebrat_bullet.config import with_overrides, with_settings_of
 from zebrat_bullet.errors import ConfigError
 
 
@@ -75,8 +75,9 @@ def _train_config(arguments: argparse.Namespace) -> Any:
     worlds = placed(arguments, arguments.worlds or [])
     if worlds:
         config = replace(config, worlds=tuple(worlds))
-    from_file = overrides_of(arguments.config) if arguments.config else []
-    return with_overrides(config, [*from_file, *arguments.set])
+    if arguments.config:
+        return with_settings_of(config, arguments.config, arguments.set)
+    return with_overrides(config, arguments.set)
 
 
 def demonstrate(arguments: argparse.Namespace) -> Result:

@@ -12,19 +12,23 @@ from typing import Any, TextIO
 
 from zebrat_bullet import __version__
 from zebrat_bullet.cli import bench, collisions, curves, driving, held_out, learning, parity, sweep, width, worlds
-from zebrat_bullet.cli.common import PartialResultError, Run
+from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options
 from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.files import shown
+
+_SEED_DIGITS = 18
 
 _python_format = warnings.formatwarning
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one `zebrat` command and return its exit status: 0, 1 after part of the work, 2 after a user's mistake."""
+    """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = _parser().parse_args(argv)
     status = 0
     warnings.formatwarning = _format_warning
     with _real_stdout() as stdout:
         try:
+            name_robot(arguments)
             result, text = arguments.run(arguments)
         except PartialResultError as error:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
@@ -35,6 +39,16 @@ def main(argv: list[str] | None = None) -> int:
         except KeyboardInterrupt:
             print(f"zebrat {arguments.command}: stopped", file=sys.stderr)
             return 130
+        except Exception as error:
+            if arguments.debug:
+                raise
+            said = " ".join(shown(error, 500).split())
+            print(
+                f"zebrat {arguments.command}: this is a bug of ours: {type(error).__name__}: {said}; "
+                "run it again with --debug for the traceback, and send us that",
+                file=sys.stderr,
+            )
+            return 3
         print(json.dumps(result) if arguments.json else text, file=stdout)
     return status
 
@@ -62,8 +76,10 @@ def _format_warning(message: Warning | str, category: type[Warning], *where: Any
 
 
 def _seed(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 up, got {text!r}")
+    if not text.isdecimal() or len(text) > _SEED_DIGITS:
+        raise argparse.ArgumentTypeError(
+            f"a seed is a whole number from 0 up, of at most {_SEED_DIGITS} digits, got {shown(text)!r}"
+        )
     return int(text)
 
 
@@ -72,8 +88,8 @@ def _common_options() -> argparse.ArgumentParser:
     made.add_argument("--json", action="store_true", help="print one JSON object as the last line")
     made.add_argument("--seed", type=_seed, default=0, help="seed of everything random (default 0)")
     made.add_argument("--out", type=Path, help="file or folder to write")
+    made.add_argument("--debug", action="store_true", help="a traceback where the program itself fails")
     made.add_argument("--quiet", action="store_true", help="no progress")
-    made.add_argument("--robot", default="zebrat", help="URDF name or file")
     return made
 
 
@@ -83,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
-        parents = (_common_options(), *parents)  # made anew: a command may change its defaults
+        parents = (_common_options(), robot_options(), *parents)  # made anew: a command may change its defaults
         made = commands.add_parser(run.__name__, parents=parents, help=run.__doc__, description=run.__doc__)
         made.set_defaults(run=run)
         return made

@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING, Any
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.cli.common import (
     AddCommand,
+    PartialResultError,
     Result,
     note,
     place_options,
     placed,
+    robot_settings,
 )
-from zebrat_bullet.errors import ConfigError, PlanError, WorldError
+from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
 
 if TYPE_CHECKING:
-    from zebrat_bullet.robot import RobotModel
+    from zebrat_bullet.config import SafetyRegionConfig
+    from zebrat_bullet.robot import Inspection, RobotModel
     from zebrat_bullet.world import World
 
 # Fewer are certified sooner than a process starts.
@@ -93,21 +96,63 @@ def _load(
 
 
 def robots(arguments: argparse.Namespace) -> Result:
-    """List cars with size, turning radius, lidar mount and bearings; draw what each representation watches on them."""
+    """List cars: size, turning radius, lidar, bearings, and what is wrong with a URDF; draw what was understood."""
     from zebrat_bullet.config import LidarConfig, SafetyRegionConfig
     from zebrat_bullet.report.region_figure import draw_regions
-    from zebrat_bullet.report.tables import robot_summary, robots_table
-    from zebrat_bullet.robot import load_robot
+    from zebrat_bullet.report.tables import refused_summary, robot_summary, robots_table
+    from zebrat_bullet.robot import Inspection, named_robot, refusal
 
-    loaded = [(Path(name).stem, load_robot(name)) for name in arguments.names or list_assets("urdf", ".urdf")]
+    settings = robot_settings(arguments)
     config, n_bearings = SafetyRegionConfig(), LidarConfig().n_bearings
-    result = {name: robot_summary(robot, config, n_bearings) for name, robot in loaded}
-    if arguments.draw:
+    seen: dict[str, Inspection] = {}
+    unread: list[str] = []
+    for name in arguments.names or list_assets("urdf", ".urdf"):
+        try:
+            inspected = _inspected(named_robot(name, settings), config)
+        except ZebratError as error:  # the others are shown all the same
+            unread.append(str(error))
+            continue
+        seen[_robot_title(inspected, seen)] = inspected
+    result = {
+        name: robot_summary(at.robot, config, n_bearings) if at.robot else refused_summary(at)
+        for name, at in seen.items()
+    }
+    if arguments.draw and seen:
         path = arguments.out or Path("results") / "robots.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw_regions(loaded, config, path)
+        draw_regions(seen, config, path)
         note(arguments, f"drew {path}")
-    return result, robots_table(result)
+    text = robots_table(result)
+    refused = unread + [refusal(at) for at in seen.values() if at.robot is None]
+    if refused:
+        raise PartialResultError("\n".join(refused), (result, text))
+    return result, text
+
+
+def _inspected(name: str, config: "SafetyRegionConfig") -> "Inspection":
+    """Return what was understood of a car, its lidar's sight and its safety region among it."""
+    from zebrat_bullet.config import FlattenConfig, LidarConfig
+    from zebrat_bullet.robot import inspect_robot
+    from zebrat_bullet.sensing.safety_region import make_region
+    from zebrat_bullet.sensing.sight import check_sight
+
+    seen = inspect_robot(name)
+    if seen.robot is not None:
+        try:
+            check_sight(seen.robot, LidarConfig(), FlattenConfig())
+            make_region(seen.robot, config, LidarConfig().n_bearings)
+        except ZebratError as error:
+            seen.problems.append(str(error).removeprefix(f"{seen.robot.urdf_path}: "))
+            seen.robot = None
+    return seen
+
+
+def _robot_title(seen: "Inspection", others: "Mapping[str, Inspection]") -> str:
+    """Return the name of a car's file, with its folder's, or a number, where another is named so."""
+    path = seen.setup.path
+    stem = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    tries = [stem, f"{path.parent.name}/{stem}", *(f"{stem} {n}" for n in range(2, len(others) + 3))]
+    return next(title for title in tries if title not in others)
 
 
 def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) -> list[Path]:
@@ -173,4 +218,6 @@ def add(command: AddCommand) -> None:
 
     made = command(robots)
     made.add_argument("names", nargs="*", metavar="ROBOT", help="names or URDF files (default: all that are shipped)")
-    made.add_argument("--draw", action="store_true", help="draw what each representation watches into --out FILE.png")
+    made.add_argument(
+        "--draw", action="store_true", help="draw wheels, hinges, footprint, lidar and what is watched, into --out FILE"
+    )

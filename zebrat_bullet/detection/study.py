@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import TaskConfig, to_json
+from zebrat_bullet.config import MOST_SEED, TaskConfig, to_json, within
 from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.places import load_place
 from zebrat_bullet.detection.representations import Representation
@@ -27,8 +27,9 @@ from zebrat_bullet.detection.traces import (
     save_trace,
 )
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
+from zebrat_bullet.evaluation.npz import load_npz, save_npz
 from zebrat_bullet.evaluation.workers import worker_pool
+from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.robot import load_robot
 
 SCORE_SCHEMA = "zebrat-trace-score-1"
@@ -63,6 +64,7 @@ class Study:
     def __post_init__(self) -> None:
         if self.n_events < 1:
             raise ConfigError(f"n_events must be at least 1, got {self.n_events}")
+        within(self, n_events=(1, 10**8), seed=(0, MOST_SEED))
         if not (self.worlds and self.drivers and self.walls):
             raise ConfigError("name at least one world, one driver and one kind of walls")
         names = [job.file_name for walls in self.walls for job in self.jobs(walls, 0)]
@@ -143,11 +145,7 @@ def _claim(folder: Path, study: Study) -> None:
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"a study is kept in a folder, {folder} is a file; name another --out")
     if any(folder.rglob("*.npz")):  # traces, or scores of traces since deleted
-        try:
-            theirs = json.loads(path.read_text())
-        except (OSError, ValueError):
-            theirs = None
-        if theirs != mine:
+        if not path.is_file() or read_json(path, ConfigError) != mine:
             raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")
         return
     (folder / "traces").mkdir(parents=True, exist_ok=True)
@@ -240,11 +238,9 @@ def _score_job(path: Path, sensing: Sensing, what: list[Representation], study: 
 
 
 def _load_score(path: Path) -> TraceScore:
-    try:
+    with refusing(path, ZebratError, "is not a score", "delete it, and it is scored anew"):
         values = load_npz(path, SCORE_SCHEMA)
         return TraceScore(**values | {"events": [Event(**event) for event in values["events"]]})
-    except DAMAGE as error:
-        raise ZebratError(f"{path} is not a score ({error}); delete it, and it is scored anew") from error
 
 
 def _tallies(scores: Sequence[TraceScore], n: int) -> Iterator[Tally]:

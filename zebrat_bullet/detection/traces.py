@@ -13,7 +13,8 @@ from zebrat_bullet.agents.agent import NoisyAgent, RandomAgent, SmoothRandomAgen
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.detection.places import free_pose, load_place
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
+from zebrat_bullet.evaluation.npz import load_npz, save_npz
+from zebrat_bullet.files import refusing
 from zebrat_bullet.geometry import footprint_hits, to_world
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sensing.lidar import Lidar
@@ -233,9 +234,5 @@ def load_trace(path: Path) -> Trace:
     Raises:
         ZebratError: the file is missing, damaged or of another schema.
     """
-    try:
+    with refusing(path, ZebratError, "is not a trace", "delete it, and `zebrat collisions` drives it anew"):
         return Trace(**load_npz(path, SCHEMA))
-    except DAMAGE as error:
-        raise ZebratError(
-            f"{path} is not a trace ({error}); delete it, and `zebrat collisions` drives it anew"
-        ) from error

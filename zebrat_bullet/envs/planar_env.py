@@ -1,6 +1,6 @@
 """A gymnasium VectorEnv of planar cars: wiring only. The task itself is `zebrat_bullet.planar.drive.PlanarDrive`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ class PlanarVectorEnv(VectorEnv):
     Args:
         num_envs: cars.
         worlds: names, files or `World` objects, one or several; each episode draws one.
-        start, goal, exit, reward, noise, raw, task: as for `ZebratEnv`.
+        start, goal, exit, robot, reward, noise, raw, task: as for `ZebratEnv`.
         margin_m: as for `PlanarDrive`.
         device: "cpu" or "cuda". Observations, rewards and actions are NumPy arrays either way;
             `PlanarDrive` itself keeps them on the device.
@@ -51,14 +51,15 @@ class PlanarVectorEnv(VectorEnv):
         start: Pose2 | Sequence[float] | None = None,
         goal: Pose2 | Sequence[float] | None = None,
         exit: Sequence[Sequence[float]] | None = None,
-        reward: str | RewardConfig | None = None,
-        noise: NoiseConfig | None = None,
+        robot: str | Path | None = None,
+        reward: str | RewardConfig | Mapping[str, Any] | None = None,
+        noise: NoiseConfig | Mapping[str, Any] | None = None,
         raw: bool = False,
-        task: TaskConfig | None = None,
+        task: TaskConfig | Mapping[str, Any] | None = None,
         device: str = "cpu",
         margin_m: float = 0.0,
     ) -> None:
-        config = varied(task or TaskConfig(), reward, None, noise)
+        config = varied(task, robot, reward, None, noise)
         loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
         self.num_envs = num_envs

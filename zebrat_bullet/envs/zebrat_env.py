@@ -1,6 +1,6 @@
 """The gymnasium environment: wiring only. The task itself is `zebrat_bullet.task.drive.Drive`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, from_plain, with_reward
+from zebrat_bullet.errors import ConfigError, EpisodeError
+from zebrat_bullet.files import shown
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, observation_spec
+from zebrat_bullet.task.rewards import TERMS
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
@@ -36,6 +39,7 @@ class ZebratEnv(gymnasium.Env):
         start: where the car begins in a named world, exactly: a Pose2, or x, y in m and yaw in rad.
         goal: x, y in m, what is to be reached in a named world without an open-space line.
         exit: both ends of the open-space line of a named mesh or map.
+        robot: the car, a name or a URDF file; None keeps the task's.
         reward: a preset name ("fomt", "fot", "ft", "wg", "wg_paper", with the observation that it needs) or a
             RewardConfig; None keeps the task's.
         caster: "bullet" or "embree"; None keeps the task's.
@@ -58,28 +62,33 @@ class ZebratEnv(gymnasium.Env):
         start: Pose2 | Sequence[float] | None = None,
         goal: Pose2 | Sequence[float] | None = None,
         exit: Sequence[Sequence[float]] | None = None,
-        reward: str | RewardConfig | None = None,
+        robot: str | Path | None = None,
+        reward: str | RewardConfig | Mapping[str, Any] | None = None,
         caster: str | None = None,
-        noise: NoiseConfig | None = None,
+        noise: NoiseConfig | Mapping[str, Any] | None = None,
         discrete: bool = False,
         raw: bool = False,
-        task: TaskConfig | None = None,
+        task: TaskConfig | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        config = varied(task or TaskConfig(), reward, caster, noise)
+        config = varied(task, robot, reward, caster, noise)
         self._worlds = load_worlds(world, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         if config.guided:
             for each in self._worlds:
                 check_waypoints(each)
+        self._closed = False
         self.drive = Drive(config, self._worlds[0])
-        self.spec_observation = observation_spec(config, self.drive.region, raw)
-        self._discrete = discrete
+        self.spec_observation = observation_spec(self.drive.config, self.drive.region, raw)
+        self._discrete, self._raw = discrete, raw
         self.render_mode = render_mode
         self._renderer: Any = None
         self._seed: int | None = None
         self._n_episodes = 0
+        # The episode under way: what it was begun with, and the actions since; None before the first.
+        self._begun: dict[str, Any] | None = None
+        self._actions: list[Any] = []
         self.observation_space, self.action_space = spaces_of(self.spec_observation, discrete)
 
     def reset(
@@ -89,39 +98,108 @@ class ZebratEnv(gymnasium.Env):
 
         Args:
             seed: begin again with this seed; None goes on with the last one.
-            options: `episode`, the number of the episode to begin instead of the next; `pose`, an exact start Pose2.
+            options: `episode`, the number of the episode to begin instead of the next; `pose`, an exact start, a Pose2
+                or (x, y, yaw) in m and rad.
+
+        Returns:
+            The observation, and an info with the keys of `step`'s.
+
+        Raises:
+            EpisodeError: the environment is closed.
+            ConfigError: an option is unknown, or none that could be meant.
         """
+        self._refuse_closed("reset")
+        number, pose = _options(options)
         super().reset(seed=seed)
         if seed is not None or self._seed is None:
             self._seed = seed if seed is not None else int(self.np_random.integers(2**31))
             self._n_episodes = 0
-        options = options or {}
-        self._n_episodes = options.get("episode", self._n_episodes)
+        self._n_episodes = self._n_episodes if number is None else number
         rng = np.random.default_rng([self._seed, self._n_episodes])
         self._n_episodes += 1
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
-        reading = self.drive.reset(rng, world, options.get("pose"), whole_scans=self.render_mode is not None)
-        self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict[str, float]()
-        return self.spec_observation.encode(reading), {"world": world.name, "pose": self.drive.state.pose}
+        reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
+        self._begun, self._actions = {"episode": self._n_episodes - 1, "pose": pose}, []
+        self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)
+        return self.spec_observation.encode(reading), self._info(None)
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive one control step of 0.2 s; `info` holds every weighted reward term and, at the end, the outcome."""
+        """Drive one control step of 0.2 s.
+
+        Returns:
+            Observation, reward, terminated, truncated, and an info: `terms`, every weighted reward term by name (0 at
+            reset); `world`, its name; `pose`, the Pose2 of the car; `outcome`, empty
+            until the end; `is_success`.
+
+        Raises:
+            EpisodeError: no episode is under way.
+            ActionError: the action is not finite, or none of the six; nothing was simulated.
+        """
+        self._refuse_closed("step")
+        if self._begun is None:
+            raise EpisodeError("step: no episode was begun yet; call reset first")
         spec = self.spec_observation
-        step = self.drive.step(spec.decode_discrete(action) if self._discrete else spec.decode(action))
+        command = spec.decode_discrete(action) if self._discrete else spec.decode(action)
+        self._actions.append(np.asarray(action).tolist())
+        step = self.drive.step(command)
         self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
         ended = step.outcome is not None
         terminated = step.outcome is not None and step.outcome.terminal
-        info: dict[str, Any] = {"terms": step.terms, "world": self.drive.world.name}
-        if ended:
-            info["outcome"] = str(step.outcome)
-            info["is_success"] = step.outcome == "success"
+        info = self._info(step.outcome)
         return spec.encode(step.reading), step.reward, terminated, ended and not terminated, info
 
+    def _info(self, outcome: Outcome | None) -> dict[str, Any]:
+        return {
+            "terms": dict(self._terms),
+            "world": self.drive.world.name,
+            "pose": self.drive.state.pose,
+            "outcome": "" if outcome is None else str(outcome),
+            "is_success": outcome == "success",
+        }
+
+    def _refuse_closed(self, what: str) -> None:
+        if self._closed:
+            raise EpisodeError(f"{what}: this environment is closed; make a new one")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs to be an environment of its own, at the same place of the same episode."""
+        self._refuse_closed("copy")
+        return {
+            "arguments": {
+                **{"world": self._worlds, "task": self.drive.config, "discrete": self._discrete, "raw": self._raw},
+                "render_mode": self.render_mode,
+            },
+            **{"seed": self._seed, "n_episodes": self._n_episodes, "begun": self._begun, "actions": self._actions},
+            **{"spec": self.spec, "np_random": (self._np_random, self._np_random_seed)},
+            "spaces": (self.observation_space, self.action_space),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become the environment of which `__getstate__` told: a physics client anew, the same actions driven again."""
+        self.__init__(**state["arguments"])  # type: ignore[misc]
+        if state["begun"] is not None:
+            self.reset(seed=state["seed"], options=state["begun"])
+            for action in state["actions"]:
+                self.step(np.asarray(action, dtype=self.action_space.dtype))
+        self._seed, self._n_episodes, self.spec = state["seed"], state["n_episodes"], state["spec"]
+        # Those of the original: each has a random state.
+        (self._np_random, self._np_random_seed), (self.observation_space, self.action_space) = (
+            state["np_random"],
+            state["spaces"],
+        )
+
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the (480, 640, 3) picture of the car now, or None without a render mode."""
+        """Return the (480, 640, 3) picture of the car now, or None without a render mode.
+
+        Raises:
+            EpisodeError: there is no episode to draw.
+        """
+        self._refuse_closed("render")
         if self.render_mode is None:
             return None
+        if self._begun is None:
+            raise EpisodeError("render: no episode was begun yet; call reset first")
         from zebrat_bullet.render import Renderer, live_frame  # VTK loads only for those who draw
 
         if self._renderer is None or self._renderer.world is not self.drive.world:
@@ -137,6 +215,7 @@ class ZebratEnv(gymnasium.Env):
 
     def close(self) -> None:
         """Release the physics server and the renderer; a second call does nothing."""
+        self._closed = True
         self._close_renderer()
         self.drive.close()
 
@@ -147,18 +226,42 @@ class ZebratEnv(gymnasium.Env):
 
 
 def varied(
-    task: TaskConfig, reward: str | RewardConfig | None, caster: str | None, noise: NoiseConfig | None
+    task: TaskConfig | Mapping[str, Any] | None,
+    robot: str | Path | None,
+    reward: str | RewardConfig | Mapping[str, Any] | None,
+    caster: str | None,
+    noise: NoiseConfig | Mapping[str, Any] | None,
 ) -> TaskConfig:
-    """Return the task with another reward, ray caster and noise, each where it is not None."""
+    """Return the task, the default one if None, with another car, reward, ray caster and noise, where not None."""
+    task = TaskConfig() if task is None else from_plain(TaskConfig, task)
     if isinstance(reward, str):
         task = with_reward(task, reward)
     elif reward is not None:
-        task = replace(task, reward=reward)
+        task = replace(task, reward=from_plain(RewardConfig, reward))
     return replace(
         task,
-        noise=noise or task.noise,
+        robot=task.robot if robot is None else str(robot),
+        noise=task.noise if noise is None else from_plain(NoiseConfig, noise),
         lidar=replace(task.lidar, caster=caster or task.lidar.caster),
     )
+
+
+def _options(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | None]:
+    """Return the episode's number and the start pose that reset's options name."""
+    options = options or {}
+    if unknown := sorted(str(name) for name in options if name not in ("episode", "pose")):
+        raise ConfigError(f"reset has no option {shown(unknown)}; there are episode and pose")
+    number, pose = options.get("episode"), options.get("pose")
+    if number is not None and (not isinstance(number, int | np.integer) or number < 0):
+        raise ConfigError(f"options['episode'] is a whole number from 0 up, got {shown(number)!r}")
+    if pose is not None and not isinstance(pose, Pose2):
+        values = np.asarray(pose, dtype=object).reshape(-1)
+        if len(values) != 3 or not all(isinstance(value, int | float | np.number) for value in values):
+            raise ConfigError(f"options['pose'] is a Pose2 or (x, y, yaw) in m and rad, got {shown(pose)!r}")
+        pose = Pose2(*map(float, values))
+    if pose is not None and not np.isfinite([pose.x, pose.y, pose.yaw]).all():
+        raise ConfigError(f"options['pose'] must be finite, got {pose}")
+    return None if number is None else int(number), pose
 
 
 def spaces_of(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:

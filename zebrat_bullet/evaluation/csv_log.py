@@ -6,6 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.files import MB, is_file, refusing, require_file
+
+_MOST_BYTES = 1000 * MB
+
 
 def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]:
     """Return the whole rows of a table as strings by column, none if it is not there; another may be writing to it.
@@ -14,16 +19,17 @@ def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]
         path: the table.
         last_bytes: read only the rows within so many bytes of its end; None for all.
     """
-    try:
-        with path.open("rb") as file:
-            header = file.readline()
-            if last_bytes is not None and path.stat().st_size - last_bytes > len(header):
-                file.seek(-last_bytes, os.SEEK_END)
-                file.readline()  # begins within a row
-            whole = [line.decode() for line in (header, *file) if line.endswith(b"\n")]
-    except FileNotFoundError:
+    if not is_file(path):
         return []
-    return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]
+    require_file(path, ZebratError, _MOST_BYTES)
+    refuses = refusing(path, ZebratError, "is not a table of a run", "restore it, or move its folder away")
+    with refuses, path.open("rb") as file:
+        header = file.readline()
+        if last_bytes is not None and path.stat().st_size - last_bytes > len(header):
+            file.seek(-last_bytes, os.SEEK_END)
+            file.readline()  # begins within a row
+        whole = [line.decode() for line in (header, *file) if line.endswith(b"\n")]
+        return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]
 
 
 class CsvLog:
@@ -51,7 +57,8 @@ class CsvLog:
 
     def cut_after(self, episode: int) -> None:
         """Drop the rows of episodes after `episode`, which a resumed run drives again."""
-        kept = [row for row in self.rows() if int(row["episode"]) <= episode]
+        with refusing(self._path, ZebratError, "is not the log of this run", "restore it, or begin the run anew"):
+            kept = [row for row in self.rows() if int(row["episode"]) <= episode]
         part = self._path.with_suffix(".part")
         self._write(part, "w", kept)
         part.replace(self._path)

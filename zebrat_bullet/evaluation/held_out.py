@@ -1,7 +1,7 @@
 """How an agent does on a held-out set: overall, by difficulty, by how often its certificates reverse."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, as_policy, bul
 from zebrat_bullet.evaluation.generated import TracksScore, tracks_score
 from zebrat_bullet.evaluation.metrics import tracks_interval
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set
+from zebrat_bullet.robot import named_robot
 from zebrat_bullet.world import World
 
 N_BINS = 5
@@ -88,6 +89,7 @@ def judge_set(
     tracks: TrackSet,
     how: SetJudgement,
     on_tracks: Callable[[str, int, int], None] = lambda agent, done, total: None,
+    tasks: Mapping[str, TaskConfig] | None = None,
 ) -> dict[str, SetScore]:
     """Judge agents on a set, all on the same tracks.
 
@@ -96,24 +98,26 @@ def judge_set(
         tracks: the set.
         how: the simulator, and how much of the set.
         on_tracks: called with an agent, how many of the tracks it has driven, and how many it will.
+        tasks: of agents that drive under another task than `how` says.
 
     Raises:
         ConfigError: the set is for another car, is smaller than asked for, or its tracks cannot be drawn here.
         PolicyError: an agent that is no policy is to drive planar cars; nothing was driven then.
     """
-    for agent in agents:
-        loaded = load_agent(agent, how.task)
+    own = {agent: replace(how, task=(tasks or {}).get(agent, how.task)) for agent in agents}
+    for agent, its in own.items():
+        loaded = load_agent(agent, its.task)
         if how.sim == "planar":
             as_policy(loaded, agent)
-    if tracks.robot != how.task.robot:
-        raise ConfigError(f"set {tracks.name!r} is for {tracks.robot!r}, not {how.task.robot!r}; make another")
+        if named_robot(tracks.robot) != named_robot(its.task.robot):
+            raise ConfigError(f"set {tracks.name!r} is for {tracks.robot!r}, not {its.task.robot!r}; make another")
     chosen = _choose(tracks, how)
     worlds = draw_set(tracks, how.workers)
     facts, worlds = [tracks.tracks[i] for i in chosen], [worlds[i] for i in chosen]
     scores = {}
     for agent in agents:
         on_tracks(agent, 0, len(worlds))
-        endings = _drive(agent, worlds, how, lambda done, agent=agent: on_tracks(agent, done, len(worlds)))  # type: ignore[misc]
+        endings = _drive(agent, worlds, own[agent], lambda done, agent=agent: on_tracks(agent, done, len(worlds)))  # type: ignore[misc]
         scores[agent] = _score(tracks, facts, how, endings)
     return scores
 

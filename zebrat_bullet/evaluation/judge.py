@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
@@ -46,6 +46,7 @@ class Judgement:
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise ConfigError(f"episodes must be at least 1, got {self.episodes}")
+        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0))
         if not self.worlds:
             raise ConfigError("name at least one world")
 

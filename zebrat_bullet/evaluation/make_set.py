@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+from zebrat_bullet.config import within
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set, save_set
 from zebrat_bullet.planning.certificate import Certificate
 from zebrat_bullet.planning.certify import certify_all
+from zebrat_bullet.processes import MOST_WORKERS
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.world import FAMILIES, HELD_OUT_SEED, World, generate_tracks
 from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint
@@ -48,6 +50,7 @@ class Recipe:
             raise ConfigError(f"no families of tracks {sorted(unknown)}; there are {', '.join(FAMILIES)}")
         if self.n_tracks < 1 or self.workers < 1 or self.most_seeds < 1:
             raise ConfigError("a set takes at least 1 track, 1 worker and 1 seed")
+        within(self, n_tracks=(1, 10**6), workers=(1, MOST_WORKERS), most_seeds=(1, 10**9))
 
     @property
     def reversals(self) -> int | None:
@@ -102,7 +105,9 @@ def make_set(
         seeds = range(first, min(first + _BATCH, HELD_OUT_SEED + recipe.most_seeds))
         batch: list[Candidate] = []
         for family in recipe.sources:
-            for candidate in _candidates(family, seeds, recipe, robot, folder / "candidates" / recipe.robot):
+            for candidate in _candidates(
+                family, seeds, recipe, robot, folder / "candidates" / Path(recipe.robot.partition(":")[0]).name
+            ):
                 tried += 1
                 batch += [candidate] if _belongs(candidate, recipe) else []
                 on_candidate(min(len(found) + len(batch), recipe.n_tracks), tried)

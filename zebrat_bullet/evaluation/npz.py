@@ -1,16 +1,14 @@
 """Records on disk: arrays and a JSON header in one .npz without pickles, so that loading one can run no code."""
 
 import json
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
-DAMAGE = (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error)
-"""What reading a file that is no such record, or half of one, raises."""
+from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.files import parse_json, read_npz
 
 
 def save_npz(path: Path, schema: str, values: Mapping[str, Any]) -> None:
@@ -34,10 +32,10 @@ def load_npz(path: Path, schema: str) -> dict[str, Any]:
     """Return the values of a file that `save_npz` wrote; tuples come back as lists.
 
     Raises:
-        one of `DAMAGE`: it is no such file, damaged, or of another schema.
+        ZebratError: it is no such file, damaged, or of another schema.
     """
-    with np.load(path, allow_pickle=False) as file:
-        header = json.loads(str(file["header"]))
-        if header.pop("schema") != schema:
-            raise ValueError(f"its schema is not {schema}")
-        return header | {name: file[name] for name in file.files if name != "header"}
+    arrays = read_npz(path, ZebratError)
+    header = parse_json(str(arrays.pop("header", "")), path, ZebratError)
+    if not isinstance(header, dict) or header.pop("schema", None) != schema:
+        raise ZebratError(f"{path}: its schema is not {schema}; name a file that was written for this")
+    return header | arrays

@@ -7,9 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.evaluation.npz import DAMAGE, load_npz, save_npz
+from zebrat_bullet.evaluation.npz import load_npz, save_npz
+from zebrat_bullet.files import refusing
 
 SCHEMA = "zebrat-episode-1"
+_TEXTS = ("world", "agent", "caster", "outcome", "task")
+_MOST_NUMBER = 2**63
+# T steps, S = T + 1 states, R rays, B beams, n terms.
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    **{"time_s": ("S",), "pose": ("S", 3), "speed_mps": ("S",), "steering_rad": ("S",)},
+    **{"knuckle_rad": ("S", 2), "wheel_rad": ("S", 4), "command": ("T", 2), "terms": ("T", "n"), "reward": ("T",)},
+    **{"obs_m": ("S", "R"), "range_m": ("R",), "scan_m": ("S", "B")},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +90,32 @@ def load_record(path: Path) -> EpisodeRecord:
     """Read a record; nothing in the file can run code.
 
     Raises:
-        ZebratError: the file is missing, damaged or of another schema.
+        ZebratError: the file is missing, damaged or of another schema, or its arrays do not fit together.
     """
-    try:
+    with refusing(path, ZebratError, "is not an episode record", "name an .npz that `zebrat evaluate` wrote"):
         values = load_npz(path, SCHEMA)
-        return EpisodeRecord(**values | {name: tuple(values.get(name, ())) for name in ("term_names", "privileged")})
-    except DAMAGE as error:
-        raise ZebratError(
-            f"{path} is not an episode record ({error}); name an .npz that `zebrat evaluate` wrote"
-        ) from error
+        record = EpisodeRecord(**values | {name: tuple(values.get(name, ())) for name in ("term_names", "privileged")})
+        _check(record)
+        return record
+
+
+def _check(record: EpisodeRecord) -> None:
+    texts = (*record.term_names, *record.privileged, *(getattr(record, name) for name in _TEXTS))
+    if not all(isinstance(text, str) for text in texts) or not isinstance(record.unseen_contact, bool):
+        raise ValueError("a text is none")
+    if not all(isinstance(n, int) and 0 <= n < _MOST_NUMBER for n in (record.seed, record.episode)):
+        raise ValueError(f"seed and episode are whole numbers from 0 up, got {record.seed!r} and {record.episode!r}")
+    n_steps, n_rays, n_beams = len(record.command), len(record.range_m), record.scan_m.shape[-1]
+    sizes: dict[str | int, int] = {
+        "T": n_steps,
+        "S": n_steps + 1,
+        "R": n_rays,
+        "B": n_beams,
+        "n": len(record.term_names),
+    }
+    for name, dimensions in _SHAPES.items():
+        array, shape = getattr(record, name), tuple(sizes.get(d, d) for d in dimensions)
+        if array.shape != shape or array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite numbers of shape {shape}, got {array.dtype} {array.shape}")
+    if n_steps == 0:
+        raise ValueError("an episode without a step")

@@ -7,6 +7,7 @@ from pathlib import Path
 from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config import from_json
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import World, generate_tracks
 from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint
@@ -74,13 +75,11 @@ def read_set(name_or_path: str) -> TrackSet:
         ConfigError: the file is not a set.
     """
     path = find_asset(FOLDER, name_or_path, ".json")
-    try:
-        data = json.loads(path.read_text())
+    with refusing(path, ConfigError, "is not a set of tracks", "make one with `zebrat sets --make`"):
+        data = read_json(path, ConfigError)
         columns = data.pop("columns")
         data["tracks"] = [dict(zip(columns, row, strict=True)) for row in data["tracks"]]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{path} is not a set of tracks ({error}); make one with `zebrat sets --make`") from error
-    return from_json(TrackSet, json.dumps(data))
+        return from_json(TrackSet, json.dumps(data))
 
 
 def draw_set(tracks: TrackSet, workers: int = 1) -> list[World]:

@@ -10,16 +10,18 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig, to_json
+from zebrat_bullet.config import TaskConfig, to_json, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
+from zebrat_bullet.files import read_json
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES, passage, senses
 from zebrat_bullet.world.world import World
 
 MASTERED = 0.95
+_MOST_WIDTHS = 10_000
 """Success at a width, and at every wider one, from which on an agent masters it."""
 
 
@@ -56,6 +58,7 @@ class WidthStudy:
             raise ConfigError(f"sim must be one of {', '.join(SIMULATORS)}, got {self.sim!r}")
         if not self.widths_m or self.episodes < 1:
             raise ConfigError(f"name at least 1 width and 1 episode, got {len(self.widths_m)} and {self.episodes}")
+        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0), widths_m=(0.0, 1000.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +167,8 @@ def width_range(least_m: float, most_m: float, step_m: float) -> tuple[float, ..
     if not (0 < least_m <= most_m and step_m >= 0.001):
         raise ConfigError(f"widths need 0 < least <= most and a step from 0.001 m, got {least_m}, {most_m}, {step_m}")
     n = round((most_m - least_m) / step_m) if most_m > least_m else 0
+    if n > _MOST_WIDTHS:
+        raise ConfigError(f"{n} widths are more than {_MOST_WIDTHS}; take a larger step")
     return tuple(round(float(width), 3) for width in least_m + step_m * np.arange(n + 1) if width < most_m + 1e-6)
 
 
@@ -210,6 +215,8 @@ def _claim(study: WidthStudy, folder: Path) -> None:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(common, indent=1))
-    then = json.loads(path.read_text())
+    then = read_json(path, ConfigError)
+    if not isinstance(then, dict):
+        raise ConfigError(f"{path}: holds no settings of a study; name another --out")
     if differing := [name for name in common if then.get(name) != common[name]]:
         raise ConfigError(f"{folder} holds widths driven under another {', '.join(differing)}; name another --out")

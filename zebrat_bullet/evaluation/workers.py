@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.processes import MOST_WORKERS
 
 
 @contextmanager
@@ -20,8 +21,8 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
     Raises:
         ConfigError: fewer than one process was asked for.
     """
-    if workers is not None and workers < 1:
-        raise ConfigError(f"the work takes at least 1 worker process, got {workers}")
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise ConfigError(f"the work takes at least 1 worker process, got {workers}; and at most {MOST_WORKERS}")
     n = min(workers or os.cpu_count() or 1, max(n_jobs, 1))
     with ProcessPoolExecutor(n, get_context("spawn"), _one_thread) as pool:
         try:

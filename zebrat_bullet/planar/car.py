@@ -12,6 +12,7 @@ from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD
+from zebrat_bullet.sensing.sight import check_sight
 
 NEAR_M = 0.2
 """Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
@@ -65,6 +66,7 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
             f"{robot.urdf_path}: the lidar is mounted with roll and pitch {robot.lidar_rpy[:2].round(4).tolist()} rad, "
             "and a plane has neither; mount it level, or use PyBullet"
         )
+    check_sight(robot, task.lidar, task.flatten)
     physics, lidar, noise = task.physics, task.lidar, task.noise
     outline = np.asarray(robot.footprint_base)
     along = np.roll(outline, -1, axis=0) - outline
@@ -75,11 +77,14 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     data = CarData()
     data.dt, data.n_substeps = 1.0 / physics.rate_hz, physics.n_substeps
     data.wheelbase, data.half_track, data.axle_x = robot.wheelbase_m, robot.track_m / 2, robot.rear_axle_x_m
+    data.half_hinges, data.beside = robot.hinge_track_m / 2, robot.hinge_offset_m
+    least_radius, greatest_radius = sorted((robot.wheel_radius_m, robot.front_radius_m))
+    data.top = min(robot.wheel_speed_radps * least_radius, 1e6)
     data.farthest = float(np.hypot(*(outline - (robot.rear_axle_x_m, 0.0)).T).max())
     data.n_corners = len(outline)
     data.inverse_mass = 1.0 / (MASS_FACTOR * robot.rolling_mass_kg)
     data.inverse_inertia = 1.0 / (INERTIA_FACTOR * robot.yaw_inertia_kgm2)
-    data.motor_impulse = robot.wheel_effort_nm / robot.wheel_radius_m / physics.rate_hz
+    data.motor_impulse = robot.wheel_effort_nm / greatest_radius / physics.rate_hz
     data.grip_impulse = GRIP * robot.weight_n / 4.0 / physics.rate_hz
     data.hinge_step = robot.hinge_speed_radps / physics.rate_hz
     data.margin, data.near = margin_m, NEAR_M

@@ -11,7 +11,7 @@ from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
@@ -92,6 +92,7 @@ class PlanarDrive:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
+        task = fitted(task)
         self.task, self.n_cars = task, n_cars
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
@@ -235,7 +236,19 @@ class PlanarDrive:
         return plain, {name: on_host(array).copy() for name, array in self._arrays().items()}
 
     def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Array:
-        """Go on where `state` was taken, and return the (N, size) observations there."""
+        """Go on where `state` was taken, and return the (N, size) observations there.
+
+        Raises:
+            ValueError, KeyError: these are not arrays of such cars; kernels would read beyond them.
+        """
+        for name, array in self._arrays().items():
+            given, now = arrays[name], on_host(array)
+            most = {"world": len(self.worlds) - 1, "start": N_STARTS - 1}.get(name, 2**31 - 1)
+            least = 0 if name in ("world", "start") else -(2**31)
+            if given.shape != now.shape or given.dtype != now.dtype:
+                raise ValueError(f"{name} must be {now.dtype} of shape {now.shape}, got {given.dtype} {given.shape}")
+            if given.size and not (least <= given.min() and given.max() <= most):
+                raise ValueError(f"{name} must be {least} to {most}, got {given.min()} to {given.max()}")
         for name, array in self._arrays().items():
             array[...] = like(arrays[name], array)
         self._n_steps = plain["n_steps"]

@@ -40,7 +40,10 @@ class CarData:
     dt: float
     n_substeps: int
     wheelbase: float
-    half_track: float
+    half_track: float  # of the rear wheels
+    half_hinges: float  # of the steering hinges
+    beside: float  # front wheels outside of their hinges
+    top: float  # ground speed of the fastest wheel
     axle_x: float
     farthest: float  # corner of the outline from the rear axle's centre
     n_corners: int
@@ -153,10 +156,18 @@ def _targets(asked: wp.vec2, car: CarData):
     """Knuckle angles in rad and ground speeds in m/s of the four wheels that a command asks for (`sim.ackermann`)."""
     slope = wp.tan(asked[1])
     swing = slope * car.half_track / car.wheelbase
-    left = 1.0 - swing
-    right = 1.0 + swing
-    speeds = wp.vec4(left, right, wp.length(wp.vec2(left, slope)), wp.length(wp.vec2(right, slope)))
-    return wp.vec2(wp.atan2(slope, left), wp.atan2(slope, right)), asked[0] * speeds
+    turn = slope * car.half_hinges / car.wheelbase
+    beside = slope * car.beside / car.wheelbase
+    left = 1.0 - turn
+    right = 1.0 + turn
+    front_l = wp.length(wp.vec2(left, slope)) - beside
+    front_r = wp.length(wp.vec2(right, slope)) + beside
+    speed = asked[0]
+    fastest = wp.abs(speed) * wp.max(wp.max(1.0 - swing, 1.0 + swing), wp.max(front_l, front_r))
+    if fastest > car.top:
+        speed = speed * (car.top / fastest)
+    speeds = wp.vec4(1.0 - swing, 1.0 + swing, front_l, front_r)
+    return wp.vec2(wp.atan2(slope, left), wp.atan2(slope, right)), speed * speeds
 
 
 X, Y, C, S, YAW, LEFT, RIGHT, SPEED, RATE, FREE, GOING, TORQUE, HINGE, LATE, OLD, NEW = (
@@ -188,10 +199,10 @@ def _impulses(
     sin_l = tan_l * cos_l
     sin_r = tan_r * cos_r
     # How (speed, yaw rate) move each wheel along its heading, and the front wheels across theirs.
-    roll_l = car.wheelbase * sin_l - car.half_track * cos_l
-    roll_r = car.wheelbase * sin_r + car.half_track * cos_r
-    slide_l = car.wheelbase * cos_l + car.half_track * sin_l
-    slide_r = car.wheelbase * cos_r - car.half_track * sin_r
+    roll_l = car.wheelbase * sin_l - car.half_hinges * cos_l - car.beside
+    roll_r = car.wheelbase * sin_r + car.half_hinges * cos_r + car.beside
+    slide_l = car.wheelbase * cos_l + car.half_hinges * sin_l
+    slide_r = car.wheelbase * cos_r - car.half_hinges * sin_r
     im = car.inverse_mass
     ij = car.inverse_inertia
     h = car.half_track

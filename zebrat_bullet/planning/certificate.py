@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.assets import find_asset
-from zebrat_bullet.config import PhysicsConfig, from_json
+from zebrat_bullet.config import PhysicsConfig, read_config
 from zebrat_bullet.errors import PlanError, WorldError
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
@@ -143,7 +143,7 @@ def load_certificate(name_or_path: str) -> Certificate:
         AssetError: there is none.
         ConfigError: the file is not a certificate.
     """
-    return from_json(Certificate, find_asset("worlds/certificates", name_or_path, ".json").read_text())
+    return read_config(Certificate, find_asset("worlds/certificates", name_or_path, ".json"))
 
 
 def save_certificate(certificate: Certificate, folder: Path) -> Path:

@@ -8,10 +8,13 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkRenderingCore import vtkActor
 
+from zebrat_bullet.errors import RenderError
+from zebrat_bullet.files import refusing
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.render.polydata import set_colors, triangles, unlit_actor
 from zebrat_bullet.render.shading import shade
 from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
+from zebrat_bullet.robot.document import parse_urdf
 from zebrat_bullet.types import Pose2
 
 _CREASE_RAD = np.radians(35.0)  # flatter edges are shaded smooth
@@ -25,7 +28,10 @@ class Car:
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        self._urdf = yourdfpy.URDF.load(str(robot.urdf_path))
+        with refusing(robot.urdf_path, RenderError, "cannot be drawn", "mend the mesh it names, or leave it out"):
+            self._urdf = parse_urdf(robot.drawn_urdf, load_meshes=True)
+        self._signs = robot.drawn_signs
+        self._base_from_root = robot.base_from_root
         self._parts = {link: _Part(meshes) for link, meshes in _meshes_by_link(self._urdf).items()}
 
     @property
@@ -35,8 +41,9 @@ class Car:
     def place(self, pose: Pose2, knuckle_rad: NDArray[np.float64], wheel_rad: NDArray[np.float64]) -> None:
         """Move all actors: base at `pose`, hinges (2,) left, right; wheels (4,) rear to front, left first."""
         angles = np.concatenate([knuckle_rad, wheel_rad])
-        self._urdf.update_cfg(dict(zip((*STEERING_JOINTS, *WHEEL_JOINTS), angles, strict=True)))
-        world_from_base = _planar(pose)
+        turned = zip(map(self._signs.__getitem__, (*STEERING_JOINTS, *WHEEL_JOINTS)), angles, strict=True)
+        self._urdf.update_cfg({joint: sign * angle for (joint, sign), angle in turned})
+        world_from_base = _planar(pose) @ self._base_from_root
         for link, part in self._parts.items():
             part.place(world_from_base @ self._urdf.get_transform(link))
 

@@ -6,7 +6,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.files import refusing
 from zebrat_bullet.report.learning_curves import BLOCK
 
 
@@ -17,7 +19,11 @@ def draw_learning_curve(folder: Path, path: Path) -> None:
         folder: the run folder.
         path: the picture to write.
     """
-    episodes, evaluations = read_rows(folder / "episodes.csv"), read_rows(folder / "evaluations.csv")
+    with refusing(folder, ZebratError, "its tables are not those of a run", "restore them, or begin the run anew"):
+        _draw(read_rows(folder / "episodes.csv"), read_rows(folder / "evaluations.csv"), path)
+
+
+def _draw(episodes: list[dict[str, str]], evaluations: list[dict[str, str]], path: Path) -> None:
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     top, bottom = figure.subplots(2, 1, sharex=True)

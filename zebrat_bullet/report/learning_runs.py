@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import REWARD_PRESETS, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.run_folder import is_finished
 
@@ -135,12 +136,12 @@ def _find(folders: Iterable[Path], opened: ExitStack) -> dict[Path, Path]:
 
 
 def _read_settings(path: Path) -> dict[str, Any]:
-    try:
-        config = json.loads(path.read_text())
-        config["seed"], config["episodes"], config["task"]["reward"]["weights"], config["task"]["reward"]["success"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} is not the settings of a training run ({error!r}); leave its folder out") from error
-    return config
+    with refusing(path, ConfigError, "is not the settings of a training run", "leave its folder out"):
+        config = read_json(path, ConfigError)
+        reward_name(config["task"]), float(config["task"]["reward"]["success"])
+        if not all(isinstance(config[name], int) for name in ("seed", "episodes")):
+            raise ValueError("seed and episodes are whole numbers")
+        return config
 
 
 def _read_run(folder: Path, place: Path, config: dict[str, Any]) -> TrainingRun:
@@ -157,11 +158,9 @@ def _read_run(folder: Path, place: Path, config: dict[str, Any]) -> TrainingRun:
 
 def _read_csv(path: Path, numbers: Sequence[str], texts: Sequence[str]) -> Table:
     rows = read_rows(path)
-    try:
+    with refusing(path, ConfigError, "is not the log of a training run", "leave its folder out"):
         table: Table = {name: np.array([float(row[name] or math.nan) for row in rows], dtype=float) for name in numbers}
         return table | {name: np.array([row[name] for row in rows], dtype=str) for name in texts}
-    except (KeyError, ValueError) as error:
-        raise ConfigError(f"{path} is not the log of a training run ({error!r}); leave its folder out") from error
 
 
 def _compared(config: dict[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from zebrat_bullet.config import PhysicsConfig, SafetyRegionConfig
 from zebrat_bullet.errors import AssetError
 from zebrat_bullet.evaluation.metrics import Score
 from zebrat_bullet.planning.certificate import load_certificate
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import GRAVITY_MPS2, Inspection, RobotModel, within_limits
 from zebrat_bullet.sensing.safety_region import make_region
 
 
@@ -72,17 +72,47 @@ def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def robot_summary(robot: RobotModel, config: SafetyRegionConfig, n_bearings: int) -> dict[str, Any]:
-    """Return a car's numbers, in m, and how many bearings its safety region has on a scan of `n_bearings`."""
+    """Return a car's numbers, in SI units, and how many bearings its safety region has on a scan of `n_bearings`."""
     length, width = np.ptp(robot.footprint_base, axis=0)
+    physics = within_limits(PhysicsConfig(), robot)
     return {
         "length_m": float(length),
         "width_m": float(width),
         "corners": len(robot.footprint_base),
         "wheelbase_m": robot.wheelbase_m,
-        "turning_radius_m": robot.wheelbase_m / math.tan(PhysicsConfig().max_steering_rad),
+        "track_m": robot.track_m,
+        "front_track_m": robot.front_track_m,
+        "wheel_radius_m": robot.wheel_radius_m,
+        "rear_axle_x_m": robot.rear_axle_x_m,
+        "mass_kg": robot.weight_n / GRAVITY_MPS2,
+        "max_speed_mps": physics.max_speed_mps,
+        "max_steering_rad": physics.max_steering_rad,
+        "turning_radius_m": robot.wheelbase_m / math.tan(physics.max_steering_rad),
         "lidar_m": [float(value) for value in robot.lidar_xyz_base],
+        "footprint_m": robot.footprint_base.tolist(),
         "bearings": len(make_region(robot, config, n_bearings).indices),
+        "notes": list(robot.notes),
+        "problems": [],
     }
+
+
+def refused_summary(seen: Inspection) -> dict[str, Any]:
+    """Return what is known of a car that is refused, as `robot_summary` names it, and all its problems."""
+    known: dict[str, Any] = {"problems": seen.problems, "notes": seen.notes}
+    if seen.chassis is not None:
+        wheels = seen.chassis.wheels
+        known |= {
+            "wheelbase_m": seen.chassis.wheelbase_m,
+            "track_m": float(wheels[0, 1] - wheels[1, 1]),
+            "front_track_m": float(wheels[2, 1] - wheels[3, 1]),
+            "wheel_radius_m": float(seen.chassis.radii[:2].mean()),
+        }
+    if seen.body is not None and seen.body.outline is not None:
+        length, width = np.ptp(seen.body.outline, axis=0)
+        known |= {"length_m": float(length), "width_m": float(width), "footprint_m": seen.body.outline.tolist()}
+    if seen.lidar_base is not None:
+        known["lidar_m"] = seen.lidar_base.tolist()
+    return known
 
 
 def robots_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
@@ -92,12 +122,15 @@ def robots_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
         "|---" * 7 + "|",
     ]
     for name, at in summaries.items():
+        if at["problems"]:
+            continue
         lidar = ", ".join(f"{value:.2f}" for value in at["lidar_m"])
         rows.append(
             f"| {name} | {at['length_m']:.2f} x {at['width_m']:.2f} | {at['corners']} | {at['wheelbase_m']:.2f} m "
             f"| {at['turning_radius_m']:.2f} m | {lidar} | {at['bearings']} |"
         )
-    return "\n".join(rows)
+    notes = [f"{name}: {note}" for name, at in summaries.items() for note in at["notes"]]
+    return "\n".join([*rows, *([""] if notes else []), *notes])
 
 
 def _row(world: str, score: Score, certified: bool) -> str:

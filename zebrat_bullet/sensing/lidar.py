@@ -12,6 +12,7 @@ from zebrat_bullet.sensing.beams import beam_directions
 from zebrat_bullet.sensing.casters import RayCaster, make_caster
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD, LevelFlattener, flatten_cloud
 from zebrat_bullet.sensing.noise import NoiseModel
+from zebrat_bullet.sensing.sight import check_sight
 from zebrat_bullet.types import FlatScan, PointCloud, RobotState
 from zebrat_bullet.world.world import World
 
@@ -52,6 +53,7 @@ class Lidar:
 
     Raises:
         ConfigError: the "bullet" caster got no client.
+        RobotError: the lidar, where it is mounted, does not see walls beside the car.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class Lidar:
         client_id: int | None = None,
         watched: NDArray[np.intp] | None = None,
     ) -> None:
+        check_sight(robot, config, flatten)
         self._config = config
         self._flatten_config = flatten
         self._noise = NoiseModel(noise)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import ActionError, RobotError
+from zebrat_bullet.errors import ActionError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command
 
@@ -38,31 +38,30 @@ def clip_command(command: Command, physics: PhysicsConfig) -> Command:
 def wheel_targets(command: Command, robot: RobotModel) -> WheelTargets:
     """Turn the rear-axle speed and the virtual steering angle into joint targets with which no wheel scrubs.
 
-    All wheels roll on circles about one centre on the rear axle's line, at distance L / tan(delta) to the left.
+    All wheels roll on circles about one centre on the rear axle's line, at distance L / tan(delta) to the left. Where a
+    wheel would turn faster than its motor can, all turn so much slower.
     """
-    half = robot.track_m / 2.0
     slope = math.tan(command.steering_rad)  # wheelbase over turning radius
-    swing = slope * half / robot.wheelbase_m
-    roll = command.speed_mps / robot.wheel_radius_m
-    left, right = 1.0 - swing, 1.0 + swing
-    return WheelTargets(
-        (math.atan2(slope, left), math.atan2(slope, right)),
-        (roll * left, roll * right, roll * math.hypot(left, slope), roll * math.hypot(right, slope)),
+    swing = slope * (robot.track_m / 2.0) / robot.wheelbase_m
+    turn = slope * (robot.hinge_track_m / 2.0) / robot.wheelbase_m
+    beside = slope * robot.hinge_offset_m / robot.wheelbase_m
+    left, right = 1.0 - turn, 1.0 + turn
+    rear, front = command.speed_mps / robot.wheel_radius_m, command.speed_mps / robot.front_radius_m
+    wheels = (
+        rear * (1.0 - swing),
+        rear * (1.0 + swing),
+        front * (math.hypot(left, slope) - beside),
+        front * (math.hypot(right, slope) + beside),
     )
+    fastest = max(map(abs, wheels))
+    if fastest > robot.wheel_speed_radps:
+        slower = robot.wheel_speed_radps / fastest
+        wheels = (wheels[0] * slower, wheels[1] * slower, wheels[2] * slower, wheels[3] * slower)
+    return WheelTargets((math.atan2(slope, left), math.atan2(slope, right)), wheels)
 
 
 def virtual_steering(left_rad: float, right_rad: float, robot: RobotModel) -> float:
     """Return the virtual centre-wheel angle of two knuckle angles, of the mean of the curvatures that each asks for."""
-    half_over_base = robot.track_m / 2.0 / robot.wheelbase_m
+    half_over_base = robot.hinge_track_m / 2.0 / robot.wheelbase_m
     left, right = math.tan(left_rad), math.tan(right_rad)
     return math.atan(0.5 * (left / (1.0 + left * half_over_base) + right / (1.0 - right * half_over_base)))
-
-
-def check_limits(robot: RobotModel, physics: PhysicsConfig) -> None:
-    """Raise RobotError where full lock asks more of the inner knuckle than its hinge allows."""
-    inner, _ = wheel_targets(Command(0.0, physics.max_steering_rad), robot).knuckle_rad
-    if not 0.0 < inner <= robot.knuckle_limit_rad:
-        raise RobotError(
-            f"{robot.urdf_path}: steering by max_steering_rad {physics.max_steering_rad} turns the inner knuckle by "
-            f"{inner:.3f} rad, its hinge allows {robot.knuckle_limit_rad}; widen the URDF's limit or steer less"
-        )

@@ -1,12 +1,18 @@
 """The car as PyBullet sees it: URDF joints found by name, motors, and the base frame read back."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pybullet
+import trimesh
 
 from zebrat_bullet.errors import RobotError, SimulationError
 from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
+from zebrat_bullet.robot.plain import BODY_FILE
 from zebrat_bullet.sim.ackermann import WheelTargets, virtual_steering
 from zebrat_bullet.sim.client import PhysicsClient
 from zebrat_bullet.types import Pose2, RobotState
@@ -29,12 +35,14 @@ class Car:
         self._client = client
         self._robot = robot
         flags = pybullet.URDF_USE_IMPLICIT_CYLINDER | pybullet.URDF_IGNORE_VISUAL_SHAPES
-        self.body_id: int = client.loadURDF(str(robot.urdf_path), flags=flags)
+        with _urdf_file(robot) as file, _pybullet_refuses(robot):
+            self.body_id: int = client.loadURDF(str(file), flags=flags)
         infos = {i[1].decode(): i for i in map(self._joint_info, range(client.getNumJoints(self.body_id)))}
-        self._hinges = [infos[name][0] for name in STEERING_JOINTS]
-        self._wheels = [infos[name][0] for name in WHEEL_JOINTS]
-        self._efforts = [infos[name][10] for name in STEERING_JOINTS + WHEEL_JOINTS]
-        self._hinge_speed = min(infos[name][11] for name in STEERING_JOINTS)
+        hinges, wheels = ([robot.joints[role] for role in roles] for roles in (STEERING_JOINTS, WHEEL_JOINTS))
+        self._hinges = [infos[name][0] for name in hinges]
+        self._wheels = [infos[name][0] for name in wheels]
+        self._efforts = [infos[name][10] for name in hinges + wheels]
+        self._hinge_speed = min(infos[name][11] for name in hinges)
         self._com_base: tuple[float, float, float] = client.getDynamicsInfo(self.body_id, -1)[3]
         self._set_filters_and_damping()
 
@@ -119,6 +127,30 @@ class Car:
             contact=contact,
             unseen_contact=unseen_contact,
         )
+
+
+@contextmanager
+def _urdf_file(robot: RobotModel) -> Iterator[Path]:
+    """Yield the URDF that PyBullet loads, which reads files only."""
+    if robot.plain_urdf is None or robot.plain_body is None:
+        yield robot.urdf_path
+        return
+    with TemporaryDirectory(prefix="zebrat-") as folder:
+        file = Path(folder) / "car.urdf"
+        file.write_text(robot.plain_urdf)
+        (file.parent / BODY_FILE).write_text(trimesh.convex.convex_hull(robot.plain_body).export(file_type="obj"))
+        yield file
+
+
+@contextmanager
+def _pybullet_refuses(robot: RobotModel) -> Iterator[None]:
+    """Turn PyBullet's refusal of a URDF into ours."""
+    try:
+        yield
+    except pybullet.error as error:
+        raise RobotError(
+            f"{robot.urdf_path}: PyBullet cannot load it ({error}); give meshes as OBJ or STL, or the body a box"
+        ) from error
 
 
 def _dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:

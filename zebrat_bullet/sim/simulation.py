@@ -12,8 +12,8 @@ import shapely
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import SimulationError, WorldError
-from zebrat_bullet.robot import RobotModel
-from zebrat_bullet.sim.ackermann import check_limits, clip_command, wheel_targets
+from zebrat_bullet.robot import RobotModel, within_limits
+from zebrat_bullet.sim.ackermann import clip_command, wheel_targets
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, GROUP_WHEELS, Car
 from zebrat_bullet.sim.client import PhysicsClient, clear
 from zebrat_bullet.types import Command, Dynamics, Pose2, RobotState
@@ -38,9 +38,8 @@ class Simulation:
     """
 
     def __init__(self, robot: RobotModel, physics: PhysicsConfig) -> None:
-        check_limits(robot, physics)
         self._robot = robot
-        self._physics = physics
+        self._physics = within_limits(physics, robot)
         self._client = PhysicsClient()
         self.client_id = self._client.id
         self._mesh_lists = _MeshLists()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
@@ -44,15 +44,19 @@ class Drive:
         config: the task.
         world: where the first episode takes place; `reset` may name another.
 
+    Attributes:
+        config: the task, with the limits of the car where they are lower, and the car named for any folder.
+
     Raises:
         ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
-        RobotError: the URDF lacks a role.
+        RobotError: the URDF is none of a car, or its lidar sees no walls.
     """
 
     def __init__(self, config: TaskConfig, world: World) -> None:
         check_weights(config.reward)
         if config.guided:
             check_waypoints(world)
+        config = fitted(config)
         self.config = config
         self.world = world
         self.robot = load_robot(config.robot)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, clamp, like, namespace
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.sensing.safety_region import SafetyRegion
 from zebrat_bullet.types import Command, Commands, Reading
@@ -53,6 +53,8 @@ class ObservationSpec:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gap_ranges_m", tuple(self.gap_ranges_m))  # JSON knows lists only
+        within(self, n_rays=(1, 36_000), range_max_m=(0.01, 1000.0), max_speed_mps=(1e-6, 100.0))
+        within(self, max_steering_rad=(1e-6, math.pi / 2), gap_ranges_m=(0.0, 1000.0))
         if len(self.gap_ranges_m) not in (0, self.n_rays):
             raise ConfigError(f"gap_ranges_m must hold none or {self.n_rays} ranges, got {len(self.gap_ranges_m)}")
 

@@ -1,12 +1,15 @@
 """A folder of results that is kept as one zip file, read as if it were the folder."""
 
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import MB, is_file, open_zip
+
+MOST_BYTES = 2000 * MB
+"""What an archive may unpack to."""
 
 
 @contextmanager
@@ -16,22 +19,10 @@ def as_folder(path: Path) -> Iterator[Path]:
     Raises:
         ConfigError: a file is no zip archive, or one of its members would lie outside the folder.
     """
-    if not path.is_file():
+    if not is_file(path):
         yield path
         return
     with TemporaryDirectory(prefix="zebrat-") as folder:
-        _unpack(path, folder)
-        yield Path(folder)
-
-
-def _unpack(path: Path, folder: str) -> None:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for name in map(PurePosixPath, archive.namelist()):
-                if name.is_absolute() or ".." in name.parts:
-                    raise ConfigError(
-                        f"{path} holds {str(name)!r}, which lies outside the archive; nothing was unpacked"
-                    )
+        with open_zip(path, ConfigError, MOST_BYTES) as archive:
             archive.extractall(folder)
-    except zipfile.BadZipFile as error:
-        raise ConfigError(f"{path} is neither a folder nor a zip archive of one: {error}") from error
+        yield Path(folder)

@@ -98,7 +98,7 @@ class RunCallback(BaseCallback):
         if len(self._probes) < N_PROBES and self.n_calls % PROBE_EVERY == 0:
             self._probes.append(self.locals["new_obs"][0].tolist())
         for i, info in enumerate(self.locals["infos"]):
-            if "outcome" in info:
+            if info["outcome"]:
                 self._finish_episode(i, info)
         return self._share_done() < 1.0 and not self._good_enough
 

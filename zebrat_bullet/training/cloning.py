@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.config import within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.demonstrations import Pairs
@@ -43,6 +44,7 @@ class CloneConfig:
             raise ConfigError(f"lr must be above 0, got {self.lr}")
         if not 0 < self.held_out < 1:
             raise ConfigError(f"held_out is a share of the episodes in (0, 1), got {self.held_out}")
+        within(self, hidden=(1, 8192), epochs=(1, 10**6), batch_size=(1, 10**7), lr=(0.0, 1000.0), threads=(1, 256))
 
 
 @dataclass(frozen=True, slots=True)

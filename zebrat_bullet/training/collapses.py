@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import TaskConfig, from_json
+from zebrat_bullet.config import TaskConfig, from_json, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 
@@ -72,6 +72,10 @@ class WatchdogConfig:
             raise ConfigError(f"watchdog min_share must be in [0, 1], got {self.min_share}")
         if not 0 < self.most <= 1:
             raise ConfigError(f"watchdog most must be in (0, 1], got {self.most}")
+        most = 2**31 - 1
+        within(self, patience=(1, most), crash_steps=(1, most), circling_steps=(1, most), circling_ratio=(-most, most))
+        for name in ("critic_change", "critic_spread", "command_spread", "still_m"):
+            within(self, **{name: (0.0, 1e9)})
         if self.circling_ratio <= 1:
             raise ConfigError(f"watchdog circling_ratio must be above 1, got {self.circling_ratio}")
 

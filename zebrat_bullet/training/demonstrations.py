@@ -18,6 +18,7 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.files import read_npy
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.archive import as_folder
@@ -141,10 +142,11 @@ def _demonstrations(folder: Path) -> Iterator[Demonstration]:
     for path in sorted(folder.rglob("*.npz")):
         record = load_record(path)
         if labels_path(path).exists():
-            labels = np.load(labels_path(path), allow_pickle=False)
-            if labels.shape != record.command.shape:
+            labels = read_npy(labels_path(path), ZebratError)
+            if labels.shape != record.command.shape or labels.dtype.kind != "f" or not np.isfinite(labels).all():
                 raise ZebratError(
-                    f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}; label it again"
+                    f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}, and labels are "
+                    "finite numbers; label it again"
                 )
             yield Demonstration(record, labels)
         elif record.outcome == "success":

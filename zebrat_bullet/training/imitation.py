@@ -14,13 +14,14 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
-from zebrat_bullet.config import TaskConfig, from_json, to_json
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.config import MOST_SEED, TaskConfig, from_json, read_config, to_json, within
+from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.files import refusing
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.training.cloning import Clone, CloneConfig, clone
 from zebrat_bullet.training.demonstrations import encode_pairs, labels_path, load_demonstrations, observation_of
@@ -66,6 +67,7 @@ class ImitationConfig:
             raise ConfigError("iterations must be at least 0, pairs and eval_episodes at least 1")
         if self.iterations and not self.expert:
             raise ConfigError("DAgger needs an expert that labels what the learner meets: name one with --expert")
+        within(self, iterations=(0, 1000), pairs=(1, 10**8), eval_episodes=(1, 10_000), seed=(0, MOST_SEED))
         if not 0 <= self.beta <= 1:
             raise ConfigError(f"beta is a probability, got {self.beta}")
 
@@ -126,13 +128,15 @@ def resume_imitation(folder: Path, on_progress: Callable[[str], None] = lambda n
     """
     if not (folder / "config.json").is_file():
         raise ConfigError(f"{folder} holds no run (no config.json); name the folder given to `zebrat imitate`")
-    _Run(from_json(ImitationConfig, (folder / "config.json").read_text()), folder, on_progress).drive_on()
+    _Run(read_config(ImitationConfig, folder / "config.json"), folder, on_progress).drive_on()
 
 
 def iterations(folder: Path) -> list[dict[str, float | None]]:
     """Return what every finished iteration of a run came to, by column; `time_s` is None where nothing succeeded."""
-    rows = CsvLog(folder / "iterations.csv", ITERATION_COLUMNS).rows()
-    return [{name: float(value) if value else None for name, value in row.items()} for row in rows]
+    path = folder / "iterations.csv"
+    with refusing(path, ZebratError, "is not the log of this run", "restore it, or begin the run anew"):
+        rows = CsvLog(path, ITERATION_COLUMNS).rows()
+        return [{name: float(value) if value else None for name, value in row.items()} for row in rows]
 
 
 class _Run:

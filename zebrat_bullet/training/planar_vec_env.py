@@ -66,8 +66,8 @@ class PlanarVecEnv(VecEnv):
 
     def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> None:
         """Go on where `state` was taken."""
-        self._returns[:], self._lengths[:] = arrays["returns"], arrays["lengths"]
         self.env.drive.load(plain, arrays)
+        self._returns[:], self._lengths[:] = arrays["returns"], arrays["lengths"]
 
     def close(self) -> None:
         """Do nothing: memory goes with the object."""

@@ -9,26 +9,28 @@ from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from zebrat_bullet.config import TaskConfig, from_json, to_json
+from zebrat_bullet.config import TaskConfig, read_config, to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.files import refusing
 from zebrat_bullet.planar.drive import PlanarDrive
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
-from zebrat_bullet.training.checkpoint import load_arrays, load_checkpoint
-from zebrat_bullet.training.learners import DISCRETE, build_learner, scaled
+from zebrat_bullet.training.checkpoint import load_checkpoint
+from zebrat_bullet.training.learners import DISCRETE, build_learner
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
+from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import generate_tracks
 
@@ -52,6 +54,7 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     training_worlds(config.worlds, config.task)
     judging_worlds(config.eval_worlds, config.task)
     require_init(config)
+    config = replace(config, task=replace(config.task, robot=named_robot(config.task.robot)))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
@@ -69,7 +72,7 @@ def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progre
     require_run(folder)
     if is_finished(folder):
         return
-    config = from_json(TrainConfig, (folder / "config.json").read_text())
+    config = read_config(TrainConfig, folder / "config.json")
     _run_where(config)(config, folder, on_progress, resume=True)
     _finish(folder)
 
@@ -107,13 +110,14 @@ def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Pro
     judge = ZebratEnv(eval_worlds, task=_from_the_start(config.task))
     observation = judge.spec_observation
     try:
+        model, state = build_learner(config, vec_env), dict[str, Any]()
         if resume:
-            model, state = load_checkpoint(folder / "checkpoint", algo, scaled(vec_env, config.learner))
-            for i, place in enumerate(state["places"]):
-                vec_env.env_method("go_to", place, indices=i)
-        else:
-            model, state = build_learner(config, vec_env), {}
-            _begin_with(model, config.init)
+            state, _ = load_checkpoint(folder / "checkpoint", model)
+            with refusing(folder, ZebratError, "cannot be resumed", "begin the run anew in another folder"):
+                for i, place in enumerate(state["places"]):
+                    vec_env.env_method("go_to", place, indices=i)
+        elif config.init:
+            begin_with(model, Path(config.init))
         model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         if isinstance(model, OffPolicyAlgorithm):
             learn_meanwhile(model, vec_env)
@@ -144,26 +148,17 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     cars.seed(config.seed)
     n_judged = planar.n_eval_tracks * planar.n_eval_starts
     judge = PlanarDrive(_from_the_start(config.task), eval_worlds, n_judged, device=planar.device)
+    model, state = build_learner(config, cars), dict[str, Any]()
     if resume:
-        model, state = load_checkpoint(folder / "checkpoint", algo, scaled(cars, config.learner))
-        cars.load(state["cars"], load_arrays(folder / "checkpoint"))
-    else:
-        model, state = build_learner(config, cars), {}
-        _begin_with(model, config.init)
+        state, arrays = load_checkpoint(folder / "checkpoint", model)
+        with refusing(folder, ZebratError, "cannot be resumed", "begin the run anew in another folder"):
+            cars.load(state["cars"], arrays)
+    elif config.init:
+        begin_with(model, Path(config.init))
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     provenance = {"config": json.loads(to_json(config))} | run_versions()
     callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
     model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
-
-
-def _begin_with(model: BaseAlgorithm, init: str) -> None:
-    """Give a new learner the networks of another."""
-    if not init:
-        return
-    try:
-        model.set_parameters(init, device="cpu")
-    except (RuntimeError, ValueError) as error:
-        raise ConfigError(f"{init} holds other networks than the settings of this run name: {error}") from error
 
 
 def _from_the_start(task: TaskConfig) -> TaskConfig:

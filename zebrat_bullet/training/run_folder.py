@@ -1,10 +1,11 @@
 """What the folder of a run says of it: whether it can be resumed, whether it is over, what it has reached."""
 
-import json
 from pathlib import Path
 from typing import Any
 
+from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.files import read_json, refusing
 
 POLICY_FILES = ("best.safetensors", "best.zip")
 ERROR = "error.txt"
@@ -23,10 +24,12 @@ def is_finished(folder: Path) -> bool:
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
     """Return what a run has reached, None if it is not finished."""
-    try:
-        return json.loads((folder / SUMMARY).read_text())
-    except FileNotFoundError:
+    if not is_finished(folder):
         return None
+    summary = read_json(folder / SUMMARY, ZebratError)
+    if not isinstance(summary, dict):
+        raise ZebratError(f"{folder / SUMMARY}: holds no summary of a run; delete it, and resume the run")
+    return summary
 
 
 def evaluations(folder: Path) -> list[dict[str, str]]:
@@ -36,12 +39,13 @@ def evaluations(folder: Path) -> list[dict[str, str]]:
 
 def summarise(folder: Path) -> dict[str, Any]:
     """Return what a run has reached: its episodes, steps and wall time, and the evaluation of its best policy."""
-    episodes, judged = read_rows(folder / "episodes.csv"), evaluations(folder)
-    best = [row for row in judged if row["best"] == "1"][-1]
-    return {
-        "folder": str(folder),
-        "episodes": len(episodes),
-        "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
-        "wall_s": float(judged[-1]["wall_s"]),
-        "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
-    }
+    with refusing(folder, ZebratError, "its tables are not those of a run", "restore them, or begin the run anew"):
+        episodes, judged = read_rows(folder / "episodes.csv"), evaluations(folder)
+        best = [row for row in judged if row["best"] == "1"][-1]
+        return {
+            "folder": str(folder),
+            "episodes": len(episodes),
+            "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
+            "wall_s": float(judged[-1]["wall_s"]),
+            "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
+        }

@@ -1,16 +1,20 @@
 """Settings of a training run and of its learner: frozen, validated once, varied by `dataclasses.replace`."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from zebrat_bullet.config import LidarConfig, TaskConfig
+from zebrat_bullet.config import MOST_SEED, LidarConfig, TaskConfig, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.collapses import WatchdogConfig
-from zebrat_bullet.world import check_family
+from zebrat_bullet.world import HELD_OUT_SEED, check_family
 
 VALIDATION_SEED = 800_000
 """Generated tracks of seeds from here to `HELD_OUT_SEED` choose the best policy of a run."""
+
+_RATE = (0.0, 1000.0)
+_PLANAR_STARTS = 64  # those that planar.drive draws of a world
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +50,8 @@ class DDPGConfig:
         _shares(self, "gamma", "tau", "epsilon")
         if self.sigma < 0:
             raise ConfigError(f"sigma must be at least 0, got {self.sigma}")
+        within(self, sigma=(0.0, 100.0), actor_lr=_RATE, critic_lr=_RATE)
+        _bound_replay(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +77,8 @@ class DQNConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "buffer_size", "batch_size", "warmup_steps")
         _shares(self, "gamma", "tau", "epsilon")
+        within(self, lr=_RATE)
+        _bound_replay(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +102,8 @@ class SACConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "buffer_size", "batch_size", "warmup_steps")
         _shares(self, "gamma", "tau")
+        within(self, lr=_RATE)
+        _bound_replay(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +142,9 @@ class PPOConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "n_steps", "batch_size", "n_epochs")
         _shares(self, "gamma", "gae_lambda", "lr_final", "least_std")
+        within(self, lr=_RATE, n_steps=(1, 10**6), batch_size=(1, 10**7), n_epochs=(1, 1000), clip_range=(0.0, 100.0))
+        within(self, ent_coef=(-100.0, 100.0), reward_scale=(-1e6, 1e6), log_std_init=(-20.0, 20.0))
+        _bound_network(self)
 
 
 Learner = DDPGConfig | DQNConfig | SACConfig | PPOConfig
@@ -170,6 +183,8 @@ class PlanarConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
         _shares(self, "curriculum")
+        within(self, n_cars=(1, 2**18), margin_m=(-1.0, 10.0), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
+        within(self, n_eval_starts=(1, _PLANAR_STARTS), eval_every_steps=(1, 10**12))
         if not self.families:
             raise ConfigError("planar.families is empty; name at least one family of tracks")
         for family in self.families:
@@ -193,7 +208,7 @@ class TrainConfig:
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
             best model); empty to begin anew. It is judged first (which ends the run if it reaches `stop_at`), and
-            stays the best policy unless one is found that is no worse. Zips unpickle: name only files of your own.
+            stays the best policy unless one is found that is no worse. Its tensors alone are read.
         seed: of networks, exploration and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
         overlap: step the environments in processes of their own while the learner updates. The result is the same to
@@ -233,6 +248,9 @@ class TrainConfig:
         _at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         if self.stop_at is not None:
             _shares(self, "stop_at")
+        within(self, n_envs=(1, 256), threads=(1, 256), seed=(0, MOST_SEED), eval_episodes=(1, 10_000))
+        within(self, **dict.fromkeys(("episodes", "eval_every", "checkpoint_every"), (1, 10**9)))
+        within(self, steps=(-math.inf, 10**12), max_minutes=(-math.inf, 1e7))
         if not self.worlds and not (self.planar and self.planar.n_tracks):
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
         if self.steps is not None and self.steps < 1:
@@ -249,6 +267,17 @@ def require_init(config: TrainConfig) -> None:
     """
     if config.init and not Path(config.init).is_file():
         raise ConfigError(f"init must name a run's best.zip, got {config.init!r}, which is no file")
+
+
+def _bound_network(config: DDPGConfig | DQNConfig | SACConfig | PPOConfig) -> None:
+    within(config, hidden=(1, 8192))
+    if len(config.hidden) > 16:
+        raise ConfigError(f"hidden names at most 16 layers, got {len(config.hidden)}")
+
+
+def _bound_replay(config: DDPGConfig | DQNConfig | SACConfig) -> None:
+    _bound_network(config)
+    within(config, buffer_size=(1, 10**7), batch_size=(1, 10**6), warmup_steps=(1, 10**9))
 
 
 def _at_least_one(config: object, *names: str) -> None:

@@ -1,16 +1,16 @@
 """What a sweep is: algorithms x rewards x worlds x seeds, one run folder each, the same for every way of running it."""
 
 import json
+import math
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from zebrat_bullet.config import from_json, to_json, with_overrides
+from zebrat_bullet.config import MOST_SEED, from_json, read_config, to_json, with_overrides, within
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.files import is_file, read_yaml, refusing, shown
+from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
@@ -19,6 +19,7 @@ from zebrat_bullet.world import parse_reference
 
 AXES = ("algos", "rewards", "worlds", "seeds")
 MANIFEST = "manifest.json"
+MOST_RUNS = 10_000
 OWN = "own"
 
 
@@ -50,28 +51,31 @@ class Sweep:
                 raise ConfigError(f"{axis} must name at least one, and each once; got {', '.join(map(str, values))!r}")
         if min(self.seeds) < 0:
             raise ConfigError(f"seeds are whole numbers from 0 up, got {min(self.seeds)}")
+        within(self, seeds=(0, MOST_SEED))
+        n_runs = math.prod(max(len(getattr(self, axis)), 1) for axis in AXES)
+        if n_runs > MOST_RUNS:
+            raise ConfigError(f"a sweep has at most {MOST_RUNS} runs, these axes make {n_runs}; split it")
         # A worker of the cluster has another working directory.
         object.__setattr__(self, "worlds", tuple(_anywhere(world) for world in self.worlds))
-        object.__setattr__(self, "robot", _anywhere(self.robot))
+        object.__setattr__(self, "robot", named_robot(self.robot))
 
 
 def _anywhere(name_or_file: str) -> str:
-    return str(Path(name_or_file).resolve()) if Path(name_or_file).is_file() else name_or_file
+    return str(Path(name_or_file).resolve()) if is_file(name_or_file) else name_or_file
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Return the settings of a sweep that a YAML (or JSON) file names.
 
     Raises:
-        ConfigError: it cannot be read, or names what no sweep has.
+        ConfigError: it cannot be read, names what no sweep has, or a value is none; the message names the file.
     """
-    try:
-        settings = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path} is no readable YAML: {error}") from error
+    settings = read_yaml(path, ConfigError)
     known = [field.name for field in fields(Sweep)]
     if not isinstance(settings, dict) or not settings.keys() <= set(known):
-        raise ConfigError(f"{path} must hold `key: value` lines with keys of {', '.join(known)}; got {settings!r}")
+        raise ConfigError(f"{path} must hold `key: value` lines with keys of {', '.join(known)}; got {shown(settings)}")
+    with refusing(path, ConfigError, "is no sweep", "mend what it names"):
+        sweep_of(settings)
     return settings
 
 
@@ -96,7 +100,7 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
-        _refuse_another(from_json(Sweep, manifest.read_text()), sweep, folder)
+        _refuse_another(read_config(Sweep, manifest), sweep, folder)
     runs = _runs(sweep, folder)
     a_run = next(iter(runs.values()))
     load_robot(a_run.task.robot)
@@ -162,7 +166,7 @@ def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
     """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
     if not is_finished(run) and not has_checkpoint(run):
         return
-    before = from_json(TrainConfig, (run / "config.json").read_text())  # has the defaults of settings added since
+    before = read_config(TrainConfig, run / "config.json")  # has the defaults of settings added since
     names = sorted(field.name for field in fields(TrainConfig))
     differing = [name for name in names if getattr(before, name) != getattr(config, name)]
     if differing:

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.files import refusing
 from zebrat_bullet.training.run_folder import ERROR, has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
 
@@ -131,6 +132,11 @@ def lock(file: int, kind: int) -> bool:
 
 def status(folder: Path) -> RunStatus:
     """Return where the run in a folder stands."""
+    with refusing(folder, ZebratError, "its tables are not those of a run", "move the folder away"):
+        return _status(folder)
+
+
+def _status(folder: Path) -> RunStatus:
     best = max((float(row["success"]) for row in read_rows(folder / "evaluations.csv", TAIL)), default=None)
     recent = read_rows(folder / "episodes.csv", TAIL)[-RECENT:]
     if not recent:

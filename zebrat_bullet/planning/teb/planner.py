@@ -20,6 +20,7 @@ from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command, RobotState
 
 _STOP = Command(0.0, 0.0)
+_LEAST_INSCRIBED_M = 0.02
 _MERGE_M = 0.005  # wall outlines are simplified by this much for the optimiser; the final check is exact
 
 
@@ -42,7 +43,8 @@ class TebPlanner:
         self._config, self._robot, self._physics, self._walls = config, robot, physics, walls
         self._costs = costs_for(config, robot, physics)
         self._outline = footprint_about_axle(robot)
-        self._inscribed_m = inscribed_radius_m(self._outline)
+        # The rear axle of some cars is at the very edge of their outline.
+        self._inscribed_m = max(inscribed_radius_m(self._outline), _LEAST_INSCRIBED_M)
         self._segments = wall_segments(shapely.simplify(walls, _MERGE_M)).reshape(-1, 4)
         self._oscillation = Oscillation(config, physics.control_step_s)
         self._shrunk_until_s = -math.inf

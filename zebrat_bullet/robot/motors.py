@@ -1,0 +1,105 @@
+"""What the motors of a car can do, from the limits of its joints or what the user says of them."""
+
+import math
+from dataclasses import dataclass
+
+from zebrat_bullet.robot.model import GRAVITY_MPS2, STEERING_JOINTS, WHEEL_JOINTS
+from zebrat_bullet.robot.parts import Parts, called
+from zebrat_bullet.robot.setup import RobotSetup
+
+MOST_KNUCKLE_RAD = 1.4
+LEAST_KNUCKLE_RAD = 0.02
+MOST_HINGE_SPEED_RADPS = 20.0
+"""No servo turns faster; exporters write a million."""
+_HINGE_SPEED_RADPS = 4.0
+_ACCELERATION_MPS2 = 4.0
+_SCRUB = 0.4
+
+
+@dataclass(frozen=True)
+class Motors:
+    """Limits of the motors, the smallest of left and right, front and rear.
+
+    Attributes:
+        knuckle_rad, hinge_speed_radps, hinge_effort_nm: of the steering hinges.
+        wheel_speed_radps: of the wheels; infinite where the URDF names none.
+        wheel_effort_nm: of each wheel.
+        as_written: the URDF writes all of them.
+    """
+
+    knuckle_rad: float
+    hinge_speed_radps: float
+    hinge_effort_nm: float
+    wheel_speed_radps: float
+    wheel_effort_nm: float
+    as_written: bool
+
+
+def find_motors(
+    parts: Parts, setup: RobotSetup, mass_kg: float, radius_m: float
+) -> tuple[Motors, list[str], list[str]]:
+    """Return the motors, what is wrong with them (each with its mend), and what was taken for lack of limits."""
+    problems: list[str] = []
+    notes: list[str] = []
+    defaults = {
+        "hinge_effort_nm": _SCRUB * mass_kg * GRAVITY_MPS2 * radius_m,
+        "hinge_speed_radps": _HINGE_SPEED_RADPS,
+        "wheel_effort_nm": _ACCELERATION_MPS2 * mass_kg * radius_m / 4.0,
+        "wheel_speed_radps": math.inf,
+    }
+    values: dict[str, float] = {}
+    for setting, roles, limit in (
+        ("hinge_effort_nm", STEERING_JOINTS, "effort"),
+        ("hinge_speed_radps", STEERING_JOINTS, "velocity"),
+        ("wheel_effort_nm", WHEEL_JOINTS, "effort"),
+        ("wheel_speed_radps", WHEEL_JOINTS, "velocity"),
+    ):
+        if setting in setup.numbers:
+            values[setting] = setup.numbers[setting]
+            continue
+        written = {role: _limit(parts, role, limit) for role in roles}
+        wrong = [called(r, parts.joints[r].get("name")) for r, v in written.items() if v is not None and v <= 0]
+        if wrong:
+            problems.append(
+                f"{', '.join(wrong)}: <limit> must have {limit} above 0; write what the motor gives, "
+                f"or say {setting}=..."
+            )
+        given = [value for value in written.values() if value is not None and value > 0]
+        values[setting] = min(given, default=defaults[setting])
+        if not given and not wrong and math.isfinite(values[setting]):
+            notes.append(
+                f"no {limit} limit is written of {roles[0]} and its like; {setting}={values[setting]:.3g} is taken"
+            )
+    knuckle = setup.numbers.get("steering_limit_rad")
+    if knuckle is None:
+        knuckle = _knuckle_limit(parts, problems)
+    as_written = not notes and not problems and not setup.numbers
+    return Motors(min(knuckle, MOST_KNUCKLE_RAD), as_written=as_written, **values), problems, notes
+
+
+def _knuckle_limit(parts: Parts, problems: list[str]) -> float:
+    limits = []
+    for role in STEERING_JOINTS:
+        lower, upper = _limit(parts, role, "lower"), _limit(parts, role, "upper")
+        name = called(role, parts.joints[role].get("name"))
+        if parts.types[role] not in ("revolute", "continuous", "fixed"):
+            problems.append(f"{name} is {parts.types[role]}; make it revolute")
+        elif parts.types[role] == "fixed" or lower is None or upper is None:
+            problems.append(
+                f"{name} ({parts.types[role]}) has no limits; make it revolute with <limit lower upper>, or say "
+                "steering_limit_rad=..."
+            )
+        elif min(-lower, upper) < LEAST_KNUCKLE_RAD:
+            problems.append(
+                f"{name} turns from {lower} to {upper} rad, so it cannot steer to both sides; write its lower and "
+                "upper limits, or say steering_limit_rad=..."
+            )
+        else:
+            limits.append(min(upper, -lower))
+    return min(limits, default=MOST_KNUCKLE_RAD)
+
+
+def _limit(parts: Parts, role: str, name: str) -> float | None:
+    limit = parts.joints[role].find("limit")
+    text = None if limit is None else limit.get(name)
+    return None if text is None else float(text)
