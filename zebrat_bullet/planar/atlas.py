@@ -83,8 +83,8 @@ def chart(world: World, near_m: float, reach_m: float) -> Chart:
     columns, rows = np.meshgrid(np.arange(n_columns), np.arange(n_rows))
     middle = corner + CELL_M * (np.stack([columns, rows], axis=-1).reshape(-1, 2) + 0.5)
     # Cells by segments are too many to hold at once in a world of many corners.
-    rows = _AT_ONCE // len(a) + 1
-    parts = [_lists(middle[i : i + rows], a, b, near_m, reach_m) for i in range(0, len(middle), rows)]
+    step = _AT_ONCE // len(a) + 1
+    parts = [_lists(middle[i : i + step], a, b, near_m, reach_m) for i in range(0, len(middle), step)]
     lengths, n_near, near_far = (np.concatenate(each) for each in zip(*parts, strict=True))
     return Chart(
         origin=origin,

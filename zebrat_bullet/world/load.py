@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import shapely
 import shapely.errors
@@ -82,13 +83,11 @@ def load_worlds(
         ConfigError: there is no world, or not one for the start, goal or exit.
         AssetError, WorldError: as `load_world`.
     """
-    alone = isinstance(worlds, str | Path | World) or not isinstance(worlds, Iterable)
-    named = [worlds] if alone else list(worlds)
-    wrong = [each for each in named if not isinstance(each, str | Path | World)]
-    if not named or wrong:
-        raise ConfigError(
-            f"a world is a name, a path or a World, or a list with at least one, got {shown(repr(worlds))}"
-        )
+    single = str | Path | World
+    several = isinstance(worlds, Iterable) and not isinstance(worlds, single)
+    named: list[Any] = list(worlds) if several else [worlds]  # type: ignore[arg-type]
+    if not named or not all(isinstance(each, single) for each in named):
+        raise ConfigError(f"a world is a name, a path, a World, or a list with at least one, got {shown(repr(worlds))}")
     placed = start is not None or goal is not None or exit is not None
     if placed and (len(named) > 1 or isinstance(named[0], World)):
         raise ConfigError("start, goal and exit go with one world by name or path; name them in each world's file")
