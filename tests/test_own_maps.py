@@ -14,7 +14,9 @@ from zebrat_bullet.world import World, load_world
 
 SIZE = (80, 160)
 """Rows and columns: 4 m x 8 m of 5 cm, origin at the lower left corner."""
-FIELDS = "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+FIELDS = (
+    "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
 START = Pose2(2.0, 2.0, 0.0)
 WALL = (5.0, 0.0, 5.2, 4.0)
 Load = Callable[..., World]
@@ -31,7 +33,9 @@ def wall_cells() -> np.ndarray:
 def load(tmp_path: Path) -> Load:
     """Returns what loads an image with fields of a map file, and of a world file where there are any."""
 
-    def made(picture: Image.Image, more: str = "", keys: str = "", start: Pose2 | None = START, **changes: str) -> World:
+    def made(
+        picture: Image.Image, more: str = "", keys: str = "", start: Pose2 | None = START, **changes: str
+    ) -> World:
         picture.save(tmp_path / "map.png")
         text = FIELDS.format(image="map.png") + more
         for field, value in changes.items():
