@@ -359,3 +359,25 @@ def test_the_speed_of_a_car_is_no_less_than_asked_where_its_motors_allow(robot: 
 def test_a_car_is_inspected_without_being_driven(tmp_path: Path) -> None:
     seen = inspect_robot(OwnCar(inertial="").write(tmp_path))
     assert seen.robot is None and seen.chassis is not None and seen.body is not None
+
+
+def test_a_car_in_frames_of_its_own_is_painted_where_it_stands(tmp_path: Path) -> None:
+    """Its root looks along y and lies under the floor; its wheel, turned by a quarter, carries a knob ahead of it."""
+    from zebrat_bullet.render.car import Car
+
+    knob = '<visual><origin xyz="0 0.2 0"/><geometry><sphere radius="0.01"/></geometry></visual>'
+    turned = '<link name="root"/><joint name="t" type="fixed"><parent link="root"/><child link="base_link"/>'
+    car = OwnCar(
+        root='<link name="base_link">{inertial}{collision}</link>' + turned + '<origin rpy="0 0 1.5707963" xyz="0 0 -1"/></joint>',
+        wheel=f"<collision>{CYLINDER}</collision>" + knob,
+        wheel_origin="1.5707963 0 0",
+        wheel_axis="0 0 -1",
+    )  # fmt: skip
+    robot = load_robot(car.write(tmp_path))
+    painted = Car(robot)
+    painted.place(Pose2(3.0, 1.0, 0.0), np.zeros(2), np.full(4, math.pi / 2.0))
+    boxes = np.array([actor.GetBounds() for actor in painted.actors])  # x, x, y, y, z, z
+    middles = boxes.reshape(-1, 3, 2).mean(axis=2)
+    rear_left = middles[np.argmin(middles[:, 0] - middles[:, 1])]
+    # The knob stood 0.2 m above the axle; rolled forward by a quarter, it is 0.2 m ahead of it.
+    np.testing.assert_allclose(rear_left, (3.0 - 0.16 + 0.2, 1.0 + 0.12, 0.05), atol=1e-3)

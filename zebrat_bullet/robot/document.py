@@ -168,7 +168,7 @@ def parse_urdf(text: str, *, load_meshes: bool) -> yourdfpy.URDF:
         io.BytesIO(text.encode()),
         load_meshes=load_meshes,
         build_scene_graph=True,
-        filename_handler=lambda name: name,
+        filename_handler=lambda fname: fname,
     )
 
 

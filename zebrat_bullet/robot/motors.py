@@ -14,6 +14,7 @@ MOST_HINGE_SPEED_RADPS = 20.0
 _HINGE_SPEED_RADPS = 4.0
 _ACCELERATION_MPS2 = 4.0
 _SCRUB = 0.4
+_LEAST_PULL_MPS2, _LEAST_SPEED_MPS, _LEAST_HINGE_RADPS = 0.02, 0.01, 0.02
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,30 @@ def find_motors(
             notes.append(
                 f"no {limit} limit is written of {roles[0]} and its like; {setting}={values[setting]:.3g} is taken"
             )
+    problems += [] if problems else _too_weak(values, mass_kg, radius_m)
     knuckle = setup.numbers.get("steering_limit_rad")
     if knuckle is None:
         knuckle = _knuckle_limit(parts, problems)
     as_written = not notes and not problems and not setup.numbers
     return Motors(min(knuckle, MOST_KNUCKLE_RAD), as_written=as_written, **values), problems, notes
+
+
+def _too_weak(values: dict[str, float], mass_kg: float, radius_m: float) -> list[str]:
+    """Return what is too little to drive with."""
+    pull, top = (
+        4.0 * values["wheel_effort_nm"] / (radius_m * max(mass_kg, 1e-9)),
+        values["wheel_speed_radps"] * radius_m,
+    )
+    found = {
+        "wheel_effort_nm": (pull, _LEAST_PULL_MPS2, "m/s2, what the wheels can pull this car with"),
+        "wheel_speed_radps": (top, _LEAST_SPEED_MPS, "m/s, how fast the wheels can roll"),
+        "hinge_speed_radps": (values["hinge_speed_radps"], _LEAST_HINGE_RADPS, "rad/s, how fast the hinges can turn"),
+    }
+    return [
+        f"{value:.2g} {what}, is too little to drive with (at least {least}); mend <limit>, or say {setting}=..."
+        for setting, (value, least, what) in found.items()
+        if value < least
+    ]
 
 
 def _knuckle_limit(parts: Parts, problems: list[str]) -> float:

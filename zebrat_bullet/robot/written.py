@@ -30,6 +30,7 @@ def as_physics_needs(parts: Parts, setup: RobotSetup, chassis: Chassis, body: Bo
         and motors.hinge_speed_radps <= MOST_HINGE_SPEED_RADPS
         and body.as_collision
         and not parts.moved
+        and not parts.document.notes
         and setup.roles[LIDAR_JOINT] in parts.document.joints
         and _types_right(parts)
         and _masses_right(parts)
