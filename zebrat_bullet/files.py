@@ -59,7 +59,11 @@ def refusing(path: Path | str, error: type[ZebratError], what: str, remedy: str)
         if isinstance(cause, ZebratError) and shown(path) in str(cause):
             raise
         kind = type(cause).__name__
-        said = str(cause) if isinstance(cause, ZebratError) or type(cause) is ValueError else f"{kind}: {cause}"
+        said = (
+            str(cause)
+            if isinstance(cause, ZebratError) or type(cause) is ValueError
+            else ": ".join(filter(None, (kind, str(cause))))
+        )
         raise error(f"{shown(path)}: {what} ({shown(said, _ERROR_CHARACTERS)}); {remedy}") from cause
 
 
