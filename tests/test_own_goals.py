@@ -1,9 +1,11 @@
-"""A world without an exit is won by reaching its goal, its line, or by a lap; one that nobody can win is said to be so."""
+"""A world without an exit is won by its goal, its line, or a lap; that nobody can win one is said before."""
 
+import itertools
 import json
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -66,7 +68,7 @@ def drive_rules(world: World, robot: RobotModel, path: np.ndarray, library: str)
 def along(points: list[tuple[float, float]], step_m: float = 0.1) -> np.ndarray:
     """Return (T, 3) poses along a line of points."""
     poses = []
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in itertools.pairwise(points):
         n = round(math.dist(a, b) / step_m)
         yaw = math.atan2(b[1] - a[1], b[0] - a[0])
         poses += [(a[0] + (b[0] - a[0]) * i / n, a[1] + (b[1] - a[1]) * i / n, yaw) for i in range(n)]
@@ -101,9 +103,10 @@ def test_a_lap_is_driven_once_round_and_the_way_the_car_looks(write: Write, robo
     assert world.is_circuit and len(world.gates) == 4 and len(world.waypoints) > 10
     lap = [(5.0, 1.0), (9.0, 1.0), (9.0, 5.0), (1.0, 5.0), (1.0, 1.0), (4.9, 1.0), (5.2, 1.0)]
     outcomes = drive_rules(world, robot, along(lap), library)
-    assert "success" not in outcomes[:-4] and outcomes[-1] == "success"
+    assert "success" not in outcomes[:-4] and "success" in outcomes[-4:]
     backwards = [(5.0, 1.0), (1.0, 1.0), (1.0, 5.0), (9.0, 5.0), (9.0, 1.0), (5.0, 1.0)]
-    assert set(drive_rules(world, robot, along([*backwards, *backwards[1:], *backwards[1:]]), library)) == {None}
+    wrong_way = along([*backwards, *backwards[1:], *backwards[1:]])
+    assert set(drive_rules(world, robot, wrong_way, library)) == {None}
     there_and_back = [(5.0, 1.0), (9.0, 1.0), (9.0, 5.0), (9.0, 1.0), (4.0, 1.0)]
     assert set(drive_rules(world, robot, along(there_and_back), library)) == {None}
     turned = load_world(write(RING.replace("[5, 1, 0]", "[5, 1, 180]")))
@@ -142,19 +145,12 @@ def test_planar_cars_reach_goals_by_the_same_rule(write: Write) -> None:
 
 
 def test_a_world_that_nobody_can_win_is_refused_before_anyone_drives(write: Write, tmp_path: Path) -> None:
-    path = write(
-        "name: aimless\nmap: map.yaml\nstart: {pose: [0, 0, 0], range_x_m: 0, range_y_m: 0, range_yaw_rad: 0}\n"
-    )
-    load_world("track_2")
+    path = write("name: aimless\nmap: track_2.yaml\nstart: {pose: [1.5, 0, 0]}\n")
     assert main(["worlds", "track_2", "--map", str(tmp_path), "--quiet"]) == 0
-    (tmp_path / "map.yaml").write_text((tmp_path / "track_2.yaml").read_text())
-    path.write_text(path.read_text().replace("[0, 0, 0]", "[1.5, 0, 0]"))
     what = Judgement(agent="random", worlds=(str(path),), episodes=1, workers=1, task=TaskConfig())
     with pytest.raises(WorldError, match=r"goal: nothing can be reached.*--goal"):
         judge(what)
     config = TRAIN_PRESETS["quick"]
-    from dataclasses import replace
-
     with pytest.raises(WorldError, match="nothing can be reached"):
         train(replace(config, worlds=(str(path),)), tmp_path / "run")
     with pytest.warns(UserWarning, match="neither exit nor goal"):
@@ -165,18 +161,20 @@ def test_a_world_that_nobody_can_win_is_refused_before_anyone_drives(write: Writ
 
 
 def test_training_from_anywhere_on_a_world_without_a_centre_line_is_refused_once(write: Write, tmp_path: Path) -> None:
-    from dataclasses import replace
-
     path = write(IN_ROOM + "goal: [6.5, 2]\n")
     config = TRAIN_PRESETS["general"]
-    with pytest.raises(ConfigError, match="has no centre line.*--set task.episode.start=start"):
+    with pytest.raises(ConfigError, match=r"has no centre line.*--set task\.episode\.start=start"):
         train(replace(config, worlds=(str(path),)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
     ("goal", "said"),
-    [("[1.7, 2.2]", "already begins within"), ("[20, 2]", "no way as wide"), ("[[5, 1.8], [5, 2.0]]", "width")],
+    [
+        ("[1.7, 2.2]", "already begins within"),
+        ("[20, 2]", "no way as wide"),
+        ("[[5, 1.8], [5, 2.0]]", "shorter than the car"),
+    ],
 )
 def test_a_goal_that_is_none_is_refused(write: Write, goal: str, said: str) -> None:
     with pytest.raises(WorldError, match=f"goal: .*{said}"):
@@ -215,14 +213,14 @@ def test_an_exit_without_a_centre_line_leads_away_from_the_start(write: Write, t
 
 
 def test_start_and_goal_on_the_command_line_are_those_of_the_keywords_and_of_the_record(
-    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write: Write, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = write(IN_ROOM) if False else write(IN_ROOM + "goal: [6.5, 2]\n")
+    path = write(IN_ROOM + "goal: [6.5, 2]\n")
     out = tmp_path / "out"
     options = ["--start", "2.0", "3.0", "-90", "--goal", "2", "1"]
     assert main(["evaluate", "--agent", "oracle", "--worlds", str(path), "--episodes", "1", "--workers", "1",
                  "--out", str(out), "--json", "--quiet", *options]) == 0  # fmt: skip
-    assert json.loads(capsys.readouterr().out)[str(path)]["success"] == 1.0
+    assert json.loads(capfd.readouterr().out)[str(path)]["success"] == 1.0
     record = load_record(out / "records" / "own" / "episode_0000.npz")
     assert record.pose[0] == pytest.approx([2.0, 3.0, -math.pi / 2], abs=1e-6)
     again = load_world(record.world)
@@ -233,7 +231,7 @@ def test_start_and_goal_on_the_command_line_are_those_of_the_keywords_and_of_the
     assert env.unwrapped.drive.world.start.pose == named.start.pose
     env.close()
     assert main(["evaluate", "--agent", "oracle", "--worlds", "track_1", "track_2", "--goal", "1", "2"]) == 2
-    assert "one world, got 2" in capsys.readouterr().err
+    assert "one world, got 2" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("start", [(1.0, 2.0), (1.0, 2.0, math.nan), "abc", (1e9, 0.0, 0.0), 3])

@@ -70,3 +70,11 @@ def test_the_zoo_trains_evaluates_and_saves(algo, tmp_path):
     assert {"best_model.zip", f"{env.replace('/', '-')}.zip", "evaluations.npz"} <= saved
     assert "env_kwargs={'caster': 'embree'}" in done.stdout and "n_updates" in done.stdout
     assert np.isfinite(np.load(run / "evaluations.npz")["results"]).all()
+    enjoy = [sys.executable, "-m", "rl_zoo3.enjoy", "--gym-packages", "zebrat_bullet", "--no-render"]
+    # This script of the zoo imports no packages of others.
+    film = 'import runpy, zebrat_bullet; runpy.run_module("rl_zoo3.record_video", run_name="__main__", alter_sys=True)'
+    for script in (enjoy, [sys.executable, "-c", film]) if algo == "ddpg" else (enjoy,):
+        shown = [*script, "--algo", algo, "--env", env, "-f", str(tmp_path), "--exp-id", "1", "-n", "10"]
+        done = subprocess.run(shown, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert len(list(run.glob("videos/*.mp4"))) == (algo == "ddpg")

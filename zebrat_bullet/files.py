@@ -58,8 +58,13 @@ def refusing(path: Path | str, error: type[ZebratError], what: str, remedy: str)
             raise
         if isinstance(cause, ZebratError) and shown(path) in str(cause):
             raise
-        said = shown(cause if str(cause) else type(cause).__name__, _ERROR_CHARACTERS)
-        raise error(f"{shown(path)}: {what} ({said}); {remedy}") from cause
+        kind = type(cause).__name__
+        said = (
+            str(cause)
+            if isinstance(cause, ZebratError) or type(cause) is ValueError
+            else ": ".join(filter(None, (kind, str(cause))))
+        )
+        raise error(f"{shown(path)}: {what} ({shown(said, _ERROR_CHARACTERS)}); {remedy}") from cause
 
 
 def is_file(path: Path | str) -> bool:

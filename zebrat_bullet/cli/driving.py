@@ -38,6 +38,8 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     _sort_set(arguments)
     if arguments.generated and arguments.set:
         raise ConfigError("--generated and --set both say what to drive; give one")
+    if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
+        raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
     if arguments.generated:
         return evaluate_generated(arguments)
     if arguments.set:

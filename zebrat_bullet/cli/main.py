@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from zebrat_bullet import __version__
 from zebrat_bullet.cli import bench, collisions, curves, driving, held_out, learning, parity, sweep, width, worlds
@@ -18,12 +18,14 @@ from zebrat_bullet.files import shown
 
 _SEED_DIGITS = 18
 
+_python_format = warnings.formatwarning
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = _parser().parse_args(argv)
     status = 0
-    warnings.formatwarning = lambda message, *_: f"zebrat: note: {message}\n"
+    warnings.formatwarning = _format_warning
     with _real_stdout() as stdout:
         try:
             name_robot(arguments)
@@ -64,6 +66,13 @@ def _real_stdout() -> Iterator[TextIO]:
         sys.stdout.flush()
         os.dup2(saved, 1)
         os.close(saved)
+
+
+def _format_warning(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+    """Return a note on a world as one line, any other warning as Python does."""
+    if category.__name__ == "WorldNote":  # not imported: `zebrat --help` needs no worlds
+        return f"zebrat: note: {message}\n"
+    return _python_format(message, category, *where, **more)
 
 
 def _seed(text: str) -> int:

@@ -17,6 +17,7 @@ from zebrat_bullet.world.world import World
 
 CELL_M = 0.5
 _SHORTEST_M = 1e-6
+_AT_ONCE = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,24 @@ def chart(world: World, near_m: float, reach_m: float) -> Chart:
     corner = -0.5 * CELL_M * np.array([n_columns, n_rows])
     columns, rows = np.meshgrid(np.arange(n_columns), np.arange(n_rows))
     middle = corner + CELL_M * (np.stack([columns, rows], axis=-1).reshape(-1, 2) + 0.5)
+    # Cells by segments are too many to hold at once in a world of many corners.
+    step = _AT_ONCE // len(a) + 1
+    parts = [_lists(middle[i : i + step], a, b, near_m, reach_m) for i in range(0, len(middle), step)]
+    lengths, n_near, near_far = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Chart(
+        origin=origin,
+        segments=np.hstack([b, a]).astype(np.float32),
+        grid=np.array([*corner, n_columns, n_rows], dtype=np.float32),
+        lengths=lengths.astype(np.int32),
+        n_near=n_near.astype(np.int32),
+        near_far=near_far.astype(np.int32),
+    )
+
+
+def _lists(
+    middle: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], near_m: float, reach_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return the lengths of the lists of (C, 2) cells, how many in each are near, and the lists, one after another."""
     half_diagonal = CELL_M * np.sqrt(0.5) + 1e-3
     distance = _distance(middle, a, b)
     normal = np.stack([(b - a)[:, 1], (a - b)[:, 0]], axis=1)
@@ -91,16 +110,9 @@ def chart(world: World, near_m: float, reach_m: float) -> Chart:
     far = (distance <= reach_m + half_diagonal) & (height > -half_diagonal) & ~near
     order = np.where(near, 0, np.where(far, 1, 2))
     by_rank = np.argsort(order, axis=1, kind="stable")
-    n_near, lengths = near.sum(axis=1), (near | far).sum(axis=1)
+    lengths = (near | far).sum(axis=1)
     kept = np.arange(len(a)) < lengths[:, None]
-    return Chart(
-        origin=origin,
-        segments=np.hstack([b, a]).astype(np.float32),
-        grid=np.array([*corner, n_columns, n_rows], dtype=np.float32),
-        lengths=lengths.astype(np.int32),
-        n_near=n_near.astype(np.int32),
-        near_far=by_rank[kept].astype(np.int32),
-    )
+    return lengths, near.sum(axis=1), by_rank[kept]
 
 
 def bind(charts: Sequence[Chart]) -> Atlas:

@@ -17,7 +17,7 @@ from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_directions
 from zebrat_bullet.sensing.casters import make_caster
 from zebrat_bullet.types import Clearance, FlatScan, Pose2
-from zebrat_bullet.world import World
+from zebrat_bullet.world import World, parse_reference
 
 DEFAULT_SIZE = (960, 540)
 _HOLD_S = 1.5  # the outcome stays on the screen this long
@@ -100,7 +100,7 @@ def episode_frames(
             steering_rad=float(_between(record.steering_rad, step, share)),
             time_s=float(time_s),
             terms=dict(zip(record.term_names, record.terms[min(step, len(record.terms) - 1)], strict=True)),
-            title=f"{Path(record.world).stem} · {Path(record.agent.partition(':')[0]).stem}",
+            title=f"{Path(parse_reference(record.world).name).stem} · {Path(record.agent.partition(':')[0]).stem}",
             status=record.outcome if time_s >= record.duration_s else "",
         )
 

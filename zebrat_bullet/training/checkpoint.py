@@ -99,6 +99,8 @@ def load_checkpoint(folder: Path, model: BaseAlgorithm) -> tuple[dict[str, Any],
     if isinstance(model, OffPolicyAlgorithm):
         most += sum(getattr(_replay(model), name).nbytes for name in _REPLAY)
     with refusing(folder, ZebratError, "is no whole checkpoint of this run", "begin the run anew in another folder"):
+        for name in (STATE, ARRAYS, NETWORKS):
+            (folder / name).stat()  # says itself that there is none
         state = read_json(folder / STATE, ZebratError)
         arrays = read_npz(folder / ARRAYS, ZebratError, most)
         learner, randomness = state.pop("learner"), state.pop("randomness")

@@ -73,8 +73,9 @@ def _check_networks(path: Path, part: str, target: Any, state: Mapping[str, Any]
     if differing:
         name = differing[0]
         raise ConfigError(
-            f"{path}: holds other networks than this run: {part}.{name} is {theirs.get(name, 'absent')}, here "
-            f"{ours.get(name, 'absent')}; begin with a run of the same car, safety region, observation and `hidden`"
+            f"{path}: holds other networks than the settings of this run name: {part}.{name} is "
+            f"{theirs.get(name, 'absent')}, here {ours.get(name, 'absent')}; begin with a run of the same car, "
+            "safety region, observation and `hidden`"
         )
 
 

@@ -60,6 +60,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
     walls = _multi(standing)
     begin_m = _start_distance(spec.start, track, source)
     line, widths = _from_start(track, begin_m) if track else (np.empty((0, 2)), np.empty(0))
+    free_space = _largest(free_space.difference(walls), source) if obstacles else free_space
     waypoints = _waypoints(spec, track, begin_m, open_line)
     mesh = place.mesh if place is not None else None
     return World(
@@ -68,7 +69,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         mesh=ExtrudedMesh(solids + obstacles) if mesh is None else join([mesh, ExtrudedMesh(obstacles)]),
         walls=walls,
         low_obstacles=_multi([solid for solid in standing if solid.low]),
-        free_space=_largest(free_space.difference(walls)) if obstacles else free_space,
+        free_space=free_space,
         centre_line=line,
         widths_m=clear_widths(line, widths, walls) if obstacles and track else widths,
         start=_start(spec.start, track),
@@ -78,7 +79,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         turns_deg=tuple(turn for at, turn in track.turns if at > begin_m) if track else (),
         family=spec.family,
         difficulty=spec.difficulty,
-        gates=np.empty((0, 2, 2)) if open_line is not None else _gates(spec, waypoints, track),
+        gates=np.empty((0, 2, 2)) if open_line is not None else _gates(spec, waypoints, track, free_space, source),
         unknown_ground=place.unknown if place is not None else shapely.MultiPolygon(),
         notes=place.notes if place is not None else (),
     )
@@ -143,7 +144,7 @@ def _on_surfaces(
         floor = floor.difference(line.buffer(_HAIR_M))
     pose = _start(spec.start, None).pose
     here = [part for part in polygons_of(floor) if part.intersects(shapely.Point(pose.x, pose.y))]
-    reached = here[0] if here else _largest(floor)
+    reached = here[0] if here else _largest(floor, source)
     if spec.centre_line is None:
         if spec.open_line is None:
             return None, None, reached
@@ -181,11 +182,13 @@ def _surveyed(
     return track, point_outward(line, track.exit)
 
 
-def _gates(spec: WorldSpec, waypoints: NDArray[np.float64], track: Track | None) -> NDArray[np.float64]:
+def _gates(
+    spec: WorldSpec, waypoints: NDArray[np.float64], track: Track | None, free_space: shapely.Polygon, source: str
+) -> NDArray[np.float64]:
     """Return what is to be reached where no open-space line is: the goal, a lap, or nothing."""
     if spec.goal is not None or spec.waypoints is not None:
         return goal_gate(spec, waypoints)
-    return lap_gates(track) if spec.is_circuit and track is not None else np.empty((0, 2, 2))
+    return lap_gates(track, free_space, source) if spec.is_circuit and track is not None else np.empty((0, 2, 2))
 
 
 def goal_gate(spec: WorldSpec, waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -265,5 +268,8 @@ def _multi(solids: list[Solid]) -> shapely.MultiPolygon:
     return shapely.MultiPolygon(polygons_of(shapely.union_all([solid.outline for solid in solids])))
 
 
-def _largest(shape: shapely.Geometry) -> shapely.Polygon:
-    return max(polygons_of(shape), key=lambda part: part.area)
+def _largest(shape: shapely.Geometry, source: str) -> shapely.Polygon:
+    parts = polygons_of(shape)
+    if not parts:
+        raise WorldError(f"{source}: its walls and obstacles leave no floor to drive on; take some away")
+    return max(parts, key=lambda part: part.area)

@@ -31,9 +31,8 @@ def free_start(world: World, footprint_base: NDArray[np.float64]) -> Pose2 | Non
 
 
 def _every_floor(world: World) -> shapely.Geometry:
-    return (
-        shapely.union(world.walls, world.free_space).envelope.difference(world.walls).difference(world.unknown_ground)
-    )
+    shown = shapely.GeometryCollection([world.walls, world.free_space]).envelope
+    return shown.difference(world.walls).difference(world.unknown_ground)
 
 
 def _free_on(ground: shapely.Geometry, world: World, footprint_base: NDArray[np.float64]) -> Pose2 | None:

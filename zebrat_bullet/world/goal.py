@@ -37,9 +37,14 @@ def point_gate(point: tuple[float, float] | NDArray[np.float64]) -> NDArray[np.f
     return np.array([[point, point]], dtype=float)
 
 
-def lap_gates(track: Track) -> NDArray[np.float64]:
-    """Return the (4, 2, 2) lines across a circuit at each quarter of it, the last where it begins."""
-    return np.stack([_across(track, (i % GATES) / GATES * track.length_m) for i in range(1, GATES + 1)])
+def lap_gates(track: Track, free_space: shapely.Polygon, source: str) -> NDArray[np.float64]:
+    """Return the (4, 2, 2) lines across a circuit at each quarter of it, the last where it begins.
+
+    Raises:
+        WorldError: a wall stands on its centre line there.
+    """
+    places = (i % GATES / GATES * track.length_m for i in range(1, GATES + 1))
+    return np.stack([_across(track.pose_at(place), free_space, source) for place in places])
 
 
 def circuit_from(line: NDArray[np.float64], start: Pose2) -> NDArray[np.float64]:
@@ -54,11 +59,14 @@ def circuit_from(line: NDArray[np.float64], start: Pose2) -> NDArray[np.float64]
     return np.vstack([ring, ring[:1]])
 
 
-def _across(track: Track, distance_m: float) -> NDArray[np.float64]:
-    pose = track.pose_at(distance_m)
+def _across(pose: Pose2, free_space: shapely.Polygon, source: str) -> NDArray[np.float64]:
     here = np.array([pose.x, pose.y])
     left = _REACH_M * np.array([-np.sin(pose.yaw), np.cos(pose.yaw)])
-    chord = shapely.LineString([here - left, here + left]).intersection(track.free_space)
+    chord = shapely.LineString([here - left, here + left]).intersection(free_space)
+    if chord.is_empty:
+        raise WorldError(
+            f"{source}: centre_line: a wall stands on it at ({pose.x:.2f}, {pose.y:.2f}); lead it elsewhere"
+        )
     nearest = min(shapely.get_parts(chord), key=lambda part: part.distance(shapely.Point(here)))
     ends: NDArray[np.float64] = shapely.get_coordinates(nearest)[[0, -1]]
     return ends

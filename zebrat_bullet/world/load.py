@@ -2,13 +2,18 @@
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import shapely
+import shapely.errors
 
 from zebrat_bullet.assets import asset_folder, find_asset
-from zebrat_bullet.errors import WorldError
+from zebrat_bullet.errors import ConfigError, WorldError
+from zebrat_bullet.files import shown
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
@@ -51,7 +56,7 @@ def load_world(
     reference = parse_reference(str(name_or_path)).with_places(start, goal, exit)
     path = find_asset("worlds", reference.name, ".yaml")
     spec = _varied(_spec(path), reference, str(path))
-    world = build_world(spec, path)
+    world = _built(spec, path)
     robot = robot or default_robot()
     if spec.goal is not None or spec.waypoints is not None:
         world = _without_blind_line(world, spec, robot)
@@ -75,15 +80,17 @@ def load_worlds(
     Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
 
     Raises:
-        AssetError, WorldError: as `load_world`, or there is no world, or not one for the start, goal or exit.
+        ConfigError: there is no world, or not one for the start, goal or exit.
+        AssetError, WorldError: as `load_world`.
     """
-    named = [worlds] if isinstance(worlds, str | Path | World) else list(worlds)
-    wrong = [each for each in named if not isinstance(each, str | Path | World)]
-    if not named or wrong:
-        raise WorldError(f"a world is a name, a path or a World, or a list of these with at least one, got {worlds!r}")
+    single = str | Path | World
+    several = isinstance(worlds, Iterable) and not isinstance(worlds, single)
+    named: list[Any] = list(worlds) if several else [worlds]  # type: ignore[arg-type]
+    if not named or not all(isinstance(each, single) for each in named):
+        raise ConfigError(f"a world is a name, a path, a World, or a list with at least one, got {shown(repr(worlds))}")
     placed = start is not None or goal is not None or exit is not None
     if placed and (len(named) > 1 or isinstance(named[0], World)):
-        raise WorldError("start, goal and exit go with one world by name or path; name them in each world's file")
+        raise ConfigError("start, goal and exit go with one world by name or path; name them in each world's file")
     loaded = [
         each if isinstance(each, World) else load_world(each, start=start, goal=goal, exit=exit, robot=robot)
         for each in named
@@ -114,12 +121,21 @@ def sketch_world(
     path = find_asset("worlds", reference.name, ".yaml")
     spec = _spec(path)
     try:
-        return build_world(_varied(spec, reference, str(path)), path)
+        return _built(_varied(spec, reference, str(path)), path)
     except WorldError:
         if spec.mesh is None and spec.map is None:
             raise
     bare = spec.model_copy(update={"centre_line": None, "open_line": None, "low": spec.mesh is not None})
-    return build_world(_varied(bare, replace(reference, exit=None), str(path)), path)
+    return _built(_varied(bare, replace(reference, exit=None), str(path)), path)
+
+
+def _built(spec: WorldSpec, path: Path) -> World:
+    try:
+        return build_world(spec, path)
+    except shapely.errors.ShapelyError as error:
+        raise WorldError(
+            f"{shown(path)}: its outlines cannot be worked out ({error}); move the corners that lie on each other apart"
+        ) from error
 
 
 def _source(path: Path) -> str:

@@ -75,6 +75,14 @@ class Boxes(_Strict):
     gap_m: tuple[NotNegative, NotNegative] = (0.0, 0.05)
     setback_m: NotNegative = 0.03
 
+    @model_validator(mode="after")
+    def _check(self) -> "Boxes":
+        for key in ("length_m", "height_m", "gap_m"):
+            least, most = getattr(self, key)
+            if least > most:
+                raise ValueError(f"{key} is [smallest, largest], got [{least}, {most}]: swap them")
+        return self
+
 
 class _Obstacle(_Strict):
     height_m: Metres = 1.0

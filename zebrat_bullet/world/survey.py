@@ -11,7 +11,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.track import GOAL_M, Track, resample
 
-_LEAST_TURN_DEG = 10.0
+_LEAST_TURN_DEG, _MOST_TURN_DEG = 10.0, 175.0
 # Longer than any passage is wide.
 _REACH_M = 20.0
 
@@ -26,6 +26,7 @@ def survey(
     Raises:
         WorldError: the centre line does not lead through the free space and out over the line.
     """
+    _check_line(centre_line, source)
     points, distances, _ = resample(centre_line, np.zeros(len(centre_line) - 1))
     length, inside = float(distances[-1]), np.ones(len(points), dtype=bool)
     if open_line is not None:
@@ -45,6 +46,18 @@ def survey(
     turns = tuple((at, turn) for at, turn in _turns(centre_line) if at < length)
     track = Track(free_space, points, distances, widths, turns, Pose2(0.0, 0.0, 0.0), length)
     return replace(track, exit=track.pose_at(length))
+
+
+def _check_line(line: NDArray[np.float64], source: str) -> None:
+    """Refuse a line that stands still or turns straight back: nobody could say what lies beside it there."""
+    steps = np.diff(line, axis=0)
+    still = np.flatnonzero((steps == 0).all(axis=1))
+    if len(still):
+        raise WorldError(f"{source}: centre_line: its point {still[0] + 1} comes twice in a row; leave one out")
+    yaws = np.arctan2(steps[:, 1], steps[:, 0])
+    back = np.flatnonzero(np.cos(np.diff(yaws)) < math.cos(math.radians(_MOST_TURN_DEG)))
+    if len(back):
+        raise WorldError(f"{source}: centre_line: turns straight back at its point {back[0] + 2}; lead it round a bow")
 
 
 def point_outward(line: NDArray[np.float64], exit_pose: Pose2) -> NDArray[np.float64]:
