@@ -218,7 +218,8 @@ def _mean(bands: Sequence[Image]) -> NDArray[np.float32]:
     total = np.zeros(bands[0].size[::-1], dtype=np.float32)
     for band in bands:
         total += np.asarray(band)
-    return total / np.float32(len(bands))
+    mean: NDArray[np.float32] = np.divide(total, len(bands), dtype=np.float32)
+    return mean
 
 
 def _check_corners(occupied: NDArray[np.bool_], path: Path) -> None:
