@@ -11,7 +11,7 @@ from zebrat_bullet.geometry import to_world
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.world import World
 
-_ROOM_M, _STEP_M = 0.05, 0.2
+_ROOM_M, _STEP_M, _NEAR_M = 0.05, 0.2, 10.0
 _HEADINGS = np.radians(np.arange(0.0, 360.0, 15.0))
 _MOST_PLACES = 200
 
@@ -23,8 +23,12 @@ def free_start(world: World, footprint_base: NDArray[np.float64]) -> Pose2 | Non
     """
     known = world.free_space.difference(world.unknown_ground)
     # Rather among the walls than round them, and rather on the floor of the start than on another.
-    for ground in (known.intersection(world.walls.convex_hull), known, _every_floor(world)):
-        found = _free_on(ground, world, footprint_base)
+    among = known.intersection(world.walls.convex_hull)
+    x, y = world.start.pose.x, world.start.pose.y
+    # Near the start first: a large map takes long to search.
+    near = shapely.clip_by_rect(among, x - _NEAR_M, y - _NEAR_M, x + _NEAR_M, y + _NEAR_M)
+    for ground in (lambda: near, lambda: among, lambda: known, lambda: _every_floor(world)):
+        found = _free_on(ground(), world, footprint_base)
         if found is not None:
             return found
     return None

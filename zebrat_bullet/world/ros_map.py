@@ -1,5 +1,6 @@
 """ROS map_server maps, read as map_server reads them and turned into upright walls."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -207,10 +208,18 @@ def _levels(image: Image, averaged: bool) -> tuple[NDArray[np.float32], np.float
     if image.mode in ("1", "L"):
         return np.asarray(image.convert("L"), dtype=np.float32), white, None
     if image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or "transparency" in image.info:
-        pixels = np.asarray(image.convert("RGBA"))
-        colours = pixels if averaged else pixels[..., :3]
-        return colours.mean(axis=-1, dtype=np.float32), white, pixels[..., 3] < 255
-    return np.asarray(image.convert("RGB")).mean(axis=-1, dtype=np.float32), white, None
+        bands = image.convert("RGBA").split()
+        return _mean(bands if averaged else bands[:3]), white, np.asarray(bands[3]) < 255
+    return _mean(image.convert("RGB").split()), white, None
+
+
+def _mean(bands: Sequence[Image]) -> NDArray[np.float32]:
+    """Return the (H, W) mean of channels, one at a time: all together they are many times the image."""
+    total = np.zeros(bands[0].size[::-1], dtype=np.float32)
+    for band in bands:
+        total += np.asarray(band)
+    mean: NDArray[np.float32] = np.divide(total, len(bands), dtype=np.float32)
+    return mean
 
 
 def _check_corners(occupied: NDArray[np.bool_], path: Path) -> None:
@@ -240,15 +249,21 @@ def _near(cells: NDArray[np.bool_], at: NDArray[np.float64], reach: float) -> sh
     return shapely.transform(_runs(part), lambda points: points + np.array([left, low]))
 
 
-def _runs(cells: NDArray[np.bool_]) -> shapely.Geometry:
-    """Return the outlines of the True cells of a grid, row 0 at y = 0, one unit a cell."""
+def _runs(cells: NDArray[np.bool_], wider: float = 0.0) -> shapely.Geometry:
+    """Return the outlines of the True cells of a grid, `wider` on every side, row 0 at y = 0, one unit a cell."""
     padded = np.pad(cells.astype(np.int8), ((0, 0), (1, 1)))
     steps = np.diff(padded, axis=1)
     rows, begins = np.nonzero(steps == 1)
     _, ends = np.nonzero(steps == -1)
-    return shapely.union_all(shapely.box(begins, rows, ends, rows + 1))
+    # Runs one above the other that begin and end alike are one box: fewer to join.
+    order = np.lexsort((rows, ends, begins))
+    rows, begins, ends = rows[order], begins[order], ends[order]
+    first = np.ones(len(rows), dtype=bool)
+    first[1:] = (np.diff(begins) != 0) | (np.diff(ends) != 0) | (np.diff(rows) != 1)
+    tops = rows[np.append(np.flatnonzero(first)[1:], len(rows)) - 1] + 1 if len(rows) else rows
+    return shapely.union_all(shapely.box(begins[first] - wider, rows[first] - wider, ends[first] + wider, tops + wider))
 
 
 def _cell_outlines(occupied: NDArray[np.bool_]) -> shapely.Geometry:
     # Cells that meet in a corner only would make a body that touches itself in a point; a hair wider they overlap.
-    return _runs(occupied).buffer(_HAIR_CELLS, join_style="mitre").simplify(0.0)
+    return _runs(occupied, _HAIR_CELLS).simplify(0.0)
