@@ -15,6 +15,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
+from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.files import read_json
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES, passage, senses
@@ -38,7 +39,7 @@ class WidthStudy:
         seed: of the episodes in PyBullet; on planar cars they begin at a passage's own poses.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes; None takes one a core.
-        task: the task driven.
+        task: the task driven; limits, lidar and safety region of a policy are those that it was trained with.
     """
 
     agents: tuple[str, ...]
@@ -107,7 +108,8 @@ def run_study(
         ConfigError: the folder's rows were driven under another task, seed or noise.
         ZebratError: an agent or passage that there is not; nothing was driven then.
     """
-    agents = {name: load_agent(name, study.task) for name in study.agents}
+    own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
+    agents = {name: load_agent(name, own[name].task) for name in study.agents}
     _claim(study, folder)
     log = CsvLog(folder / "width.csv", COLUMNS)
     robot = load_robot(study.task.robot)
@@ -123,7 +125,7 @@ def run_study(
             missing = [row for row in rows if _key(row) not in done]
             doing, n_done = f"{name}, {shape} {sense}", len(rows) - len(missing)
             on_rows(doing, n_done, len(rows))
-            for i, endings in _drive(study, name, agent, [worlds[shape, sense, row.width_m] for row in missing]):
+            for i, endings in _drive(own[name], name, agent, [worlds[shape, sense, row.width_m] for row in missing]):
                 log.append(asdict(missing[i]) | endings.causes())
                 n_done += 1
                 on_rows(doing, n_done, len(rows))
