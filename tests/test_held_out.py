@@ -110,7 +110,7 @@ def test_scores_are_those_counted_by_hand() -> None:
     outcome = np.array([[1, 1], [1, 2], [2, 2], [5, 1]], dtype=np.int8)
     tracks = TrackSet(name="s", robot="zebrat", sha256="0" * 64, tracks=tuple(facts))
     how = SetJudgement(episodes=2, task=TASK)
-    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0)))
+    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0), np.zeros((4, 2), np.int64)))
     assert score.overall.success == 0.5 and score.overall.by_track == (2, 1, 0, 1) and score.over_least == 1.2
     assert score.overall.causes["collision"] == 3 and score.overall.causes["stall"] == 1
     assert {name: (at.tracks, at.success) for name, at in score.by_difficulty.items()} == {
@@ -125,7 +125,7 @@ def test_scores_are_those_counted_by_hand() -> None:
 def test_the_worst_tenth_is_of_the_tracks() -> None:
     outcome = np.ones((20, 4), dtype=np.int8)
     outcome[3], outcome[7, :2] = 2, 2
-    score = tracks_score(Endings(outcome, np.ones((20, 4))))
+    score = tracks_score(Endings(outcome, np.ones((20, 4)), np.zeros((20, 4), np.int64)))
     assert score.worst_tenth == 0.25 and score.worst_tenth_ci[0] <= 0.25 <= score.worst_tenth_ci[1]
 
 

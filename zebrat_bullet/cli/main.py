@@ -11,7 +11,19 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from zebrat_bullet import __version__
-from zebrat_bullet.cli import bench, collisions, curves, driving, held_out, learning, parity, sweep, width, worlds
+from zebrat_bullet.cli import (
+    bench,
+    collisions,
+    curves,
+    driving,
+    families,
+    held_out,
+    learning,
+    parity,
+    sweep,
+    width,
+    worlds,
+)
 from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
@@ -104,6 +116,18 @@ def _parser() -> argparse.ArgumentParser:
         made.set_defaults(run=run)
         return made
 
-    for commands_of_a_kind in (learning, sweep, curves, driving, worlds, bench, width, held_out, parity, collisions):
+    for commands_of_a_kind in (
+        learning,
+        sweep,
+        curves,
+        driving,
+        worlds,
+        bench,
+        width,
+        held_out,
+        families,
+        parity,
+        collisions,
+    ):
         commands_of_a_kind.add(command)
     return parser

@@ -29,10 +29,12 @@ class Endings:
     Attributes:
         outcome: (W, E) int8, codes of `Outcome`.
         time_s: (W, E) float64, simulated time that each took.
+        n_reversals: (W, E) int64, how often the commanded speed changed its sign.
     """
 
     outcome: NDArray[np.int8]
     time_s: NDArray[np.float64]
+    n_reversals: NDArray[np.int64]
 
     @property
     def success(self) -> NDArray[np.bool_]:
@@ -98,7 +100,7 @@ def planar_endings(
     trial = drive_out(drive, act, where, poses, on_end)
     shape = (len(worlds), episodes)
     time_s = trial.n_steps.astype(np.float64) * task.physics.control_step_s
-    return Endings(trial.outcome.reshape(shape), time_s.reshape(shape))
+    return Endings(trial.outcome.reshape(shape), time_s.reshape(shape), trial.n_reversals.reshape(shape))
 
 
 def bullet_endings(
@@ -139,4 +141,10 @@ def bullet_endings(
 def _drive_world(agent: str, task: TaskConfig, world: World, seed: int, episodes: int, action_noise: float) -> Endings:
     records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise))
     outcome = np.array([[Outcome(record.outcome).code for record in records]], dtype=np.int8)
-    return Endings(outcome, np.array([[record.duration_s for record in records]]))
+    time_s = np.array([[record.duration_s for record in records]])
+    return Endings(outcome, time_s, np.array([[_n_reversals(record.command[:, 0]) for record in records]]))
+
+
+def _n_reversals(speeds_mps: NDArray[np.float64]) -> int:
+    signs = np.sign(speeds_mps[speeds_mps != 0.0])
+    return int((signs[1:] != signs[:-1]).sum())

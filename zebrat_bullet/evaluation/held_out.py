@@ -150,7 +150,8 @@ def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable
         found[i] = endings
         on_done(len(found))
     each = [found[i] for i in range(len(worlds))]
-    return Endings(np.concatenate([at.outcome for at in each]), np.concatenate([at.time_s for at in each]))
+    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals"))
+    return Endings(*(np.concatenate(part) for part in parts))
 
 
 def _score(tracks: TrackSet, facts: Sequence[SetTrack], how: SetJudgement, endings: Endings) -> SetScore:

@@ -187,7 +187,8 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
     assert isinstance(agent, PolicyAgent)
     found = planar_endings(agent, study.task, worlds, study.episodes, action_noise=study.action_noise)
     for i in range(len(worlds)):
-        yield i, Endings(found.outcome[i : i + 1], found.time_s[i : i + 1])
+        part = slice(i, i + 1)
+        yield i, Endings(found.outcome[part], found.time_s[part], found.n_reversals[part])
 
 
 def _sim(study: WidthStudy, agent: Agent) -> str:

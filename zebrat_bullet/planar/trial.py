@@ -20,10 +20,12 @@ class Trial:
     Attributes:
         outcome: (N,) int8, codes of `Outcome`.
         n_steps: (N,) control steps that each took.
+        n_reversals: (N,) how often the commanded speed changed its sign; standing still between does not count.
     """
 
     outcome: NDArray[np.int8]
     n_steps: NDArray[np.int64]
+    n_reversals: NDArray[np.int64]
 
 
 def drive_out(
@@ -43,15 +45,20 @@ def drive_out(
         on_end: called with the number of episodes that have just ended.
     """
     outcome = np.zeros(drive.n_cars, dtype=np.int8)
-    n_steps = np.zeros(drive.n_cars, dtype=np.int64)
+    n_steps, n_reversals = (np.zeros(drive.n_cars, dtype=np.int64) for _ in range(2))
+    direction = np.zeros(drive.n_cars)
     observation: Array = drive.begin_at(worlds, poses)
     step = 0
     while not outcome.all():
         step += 1
-        result = drive.step(like(act(on_host(observation)), observation))
+        actions = like(act(on_host(observation)), observation)
+        now = np.sign(on_host(drive.spec.decode_cars(actions).speed_mps))
+        result = drive.step(actions)
         observation = result.observation
+        n_reversals += (outcome == 0) & (now * direction < 0)
+        direction = np.where(now == 0, direction, now)
         first = result.ended[outcome[result.ended] == 0]  # a car whose episode is over goes on with others
         outcome[first], n_steps[first] = on_host(result.outcome)[first], step
         if len(first):
             on_end(len(first))
-    return Trial(outcome, n_steps)
+    return Trial(outcome, n_steps, n_reversals)

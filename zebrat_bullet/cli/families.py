@@ -1,0 +1,53 @@
+"""The command that judges policies on every family of generated tracks."""
+
+import argparse
+import json
+import os
+from pathlib import Path
+
+from zebrat_bullet.cli.common import (
+    AddCommand,
+    Result,
+    agents_option,
+    progress_bar,
+    randomise_option,
+    reward_options,
+    task_of,
+    task_options,
+    workers_option,
+)
+
+
+def families(arguments: argparse.Namespace) -> Result:
+    """Judge policies on held-out tracks of every family, on planar cars: table and heat map."""
+    from zebrat_bullet.evaluation.families import judge_families
+    from zebrat_bullet.report.families import draw_families, families_table
+    from zebrat_bullet.world import FAMILIES
+
+    out = arguments.out or Path("results") / "families"
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("judging", total=len(arguments.families or FAMILIES))
+        scores = judge_families(
+            arguments.agent,
+            task_of(arguments),
+            families=arguments.families or FAMILIES,
+            tracks=arguments.tracks,
+            starts=arguments.episodes,
+            workers=arguments.workers or len(os.sched_getaffinity(0)),
+            on_family=lambda family, done: bar.update(shown, description=family, completed=done),
+        )
+    result = {agent: {family: at.as_dict() for family, at in of.items()} for agent, of in scores.items()}
+    table = families_table(scores)
+    out.mkdir(parents=True, exist_ok=True)
+    draw_families(scores, out / "families.png")
+    (out / "families.json").write_text(json.dumps(result, indent=1))
+    (out / "families.md").write_text(table + "\n")
+    return result, f"{table}\n\nsuccess in % of all episodes / on the worst tenth of the tracks, mean reversals: {out}"
+
+
+def add(command: AddCommand) -> None:
+    """Add the command of this file."""
+    made = command(families, *(agents_option(), task_options(), randomise_option(), reward_options()), workers_option())
+    made.add_argument("--families", nargs="+", metavar="FAMILY", help="(default: all)")
+    made.add_argument("--tracks", type=int, default=100, help="of each family (default 100)")
+    made.add_argument("--episodes", type=int, default=4, help="in each track (default 4)")
