@@ -116,14 +116,15 @@ _ALLROUND = TrainConfig(
         steerings=(-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0),
     ),
     worlds=(),
-    steps=20_000_000,
+    steps=24_000_000,
     threads=1,
     planar=PlanarConfig(
-        n_tracks=8000,
+        n_tracks=10_000,
         # The more often, the more there is to learn.
         families=(
-            *("mixed", "narrowing", "mixed", "narrowing", "mixed", "narrowing", "mixed", "narrowing", "narrowing"),
-            *("corners", "uturns", "uneven", "bottlenecks", "niches", "deadends", "deadends"),
+            *("mixed", "narrowing", "mixed", "narrowing", "mixed", "narrowing", "narrowing", "narrowing"),
+            *("corridors", "corners", "uturns", "curves", "uneven", "uneven", "bottlenecks", "bottlenecks"),
+            *("boxes", "niches", "deadends", "deadends"),
         ),
         curriculum=0.02,
         margin_m=0.005,
