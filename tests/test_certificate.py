@@ -95,7 +95,7 @@ def test_no_drive_keeps_less_than_the_margin_asked_for(margin: float, robot: Rob
 
 
 def test_a_start_nearer_to_a_wall_than_the_margin_shows_in_the_certificate(world: World, robot: RobotModel) -> None:
-    at = replace(world.start.pose, y=world.start.pose.y + 0.57)
+    at = world.start.pose._replace(y=world.start.pose.y + 0.57)
     near = replace(world, start=replace(world.start, pose=at))
     made = certify(near, robot, margin_m=0.05)
     assert made.start_clearance_m < 0.05
