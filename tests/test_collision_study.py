@@ -128,7 +128,7 @@ def test_a_trace_is_the_same_again_and_survives_the_disk(solid, tmp_path):
     whole = (tmp_path / "trace.npz").read_bytes()
     for damaged in (b"", b"cut short", whole[: len(whole) // 2], whole[:500] + bytes(500) + whole[1000:]):
         (tmp_path / "trace.npz").write_bytes(damaged)
-        with pytest.raises(ZebratError, match="delete it|make it anew"):
+        with pytest.raises(ZebratError, match="make it anew"):
             load_trace(tmp_path / "trace.npz")
 
 
@@ -285,7 +285,7 @@ def test_a_folder_without_drives_is_free_for_another_study_and_one_with_drives_i
     (tmp_path / "traces" / "solid-track_2-random-smooth-000.npz").touch()
     study._claim(tmp_path, replace(other, n_events=7, walls=("solid",)))
     (tmp_path / "study.json").write_text("{")
-    with pytest.raises(ConfigError, match="other settings"):
+    with pytest.raises(ConfigError, match="readable as JSON"):
         study._claim(tmp_path, other)
 
 
@@ -306,5 +306,5 @@ def test_scores_survive_the_disk(tmp_path, solid):
     assert isinstance(read, TraceScore) and read.events == made.events and read.clear_s == made.clear_s
     assert np.array_equal(read.lead_s, made.lead_s, equal_nan=True)
     (tmp_path / "score.npz").write_bytes(b"")
-    with pytest.raises(ZebratError, match="delete it, and it is scored anew"):
+    with pytest.raises(ZebratError, match="make it anew"):
         study._load_score(tmp_path / "score.npz")
