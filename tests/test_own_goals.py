@@ -153,6 +153,9 @@ def test_a_world_that_nobody_can_win_is_refused_before_anyone_drives(write: Writ
     config = TRAIN_PRESETS["quick"]
     with pytest.raises(WorldError, match="nothing can be reached"):
         train(replace(config, worlds=(str(path),)), tmp_path / "run")
+    for command in ("video", "teleop"):
+        assert main([command, "--world", str(path), "--out", str(tmp_path / "made"), "--quiet"]) == 2
+    assert not (tmp_path / "made").exists()
     with pytest.warns(UserWarning, match="neither exit nor goal"):
         gymnasium.make("ZebraT/BigTrack-v0", world=path).close()
     with warnings.catch_warnings():

@@ -121,12 +121,14 @@ def video(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.evaluation.rollout import run_episode
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
-    from zebrat_bullet.world import load_world
+    from zebrat_bullet.world import load_world, require_winnable
 
     _sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
-    drive = Drive(task, load_world(reference, robot=load_robot(task.robot)))
+    world = load_world(reference, robot=load_robot(task.robot))
+    require_winnable(world)
+    drive = Drive(task, world)
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
