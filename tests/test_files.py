@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from zebrat_bullet.config import TaskConfig, from_json
 from zebrat_bullet.errors import ConfigError, PolicyError
@@ -134,7 +135,7 @@ def test_an_image_is_refused_by_what_it_declares(header: bytes, tmp_path: Path) 
 def test_an_image_of_too_many_pixels_is_refused_by_their_number(width: int, tmp_path: Path) -> None:
     n_millions = width * 10_000 // 1_000_000
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
         with pytest.raises(ConfigError, match=rf"\.x: has {n_millions} million pixels, more than 80 million: crop"):
             read_image(write(tmp_path, b"P5\n%d 10000\n255\n" % width + bytes(16)), ConfigError)
 
