@@ -47,7 +47,7 @@ def straight_trace(monkeypatch, x_m: np.ndarray) -> Trace:
     """One drive along the x axis towards a flat wall at x = 1, its centre at these places, 120 to a second."""
     robot, n = load_robot(), len(x_m)
     for module in (scoring, traces):
-        monkeypatch.setattr(module, "load_place", lambda name: WALL)
+        monkeypatch.setattr(module, "load_place", lambda name, robot: WALL)
     pose = np.stack([x_m, np.zeros(n), np.zeros(n)], axis=1)
     return Trace(
         world="wall",
@@ -67,7 +67,7 @@ def straight_trace(monkeypatch, x_m: np.ndarray) -> Trace:
 def test_a_drive_at_a_wall_is_scored_as_worked_out_by_hand(monkeypatch):
     # 0.6 m/s are 5 mm a row. The nose, 0.5 m ahead of the centre, meets the wall at x = 0.5: row 100 of the drive.
     trace = straight_trace(monkeypatch, 0.005 * np.arange(0, 181))
-    readings = take_readings(trace, load_robot(), Sensing(), seed=0)
+    readings = take_readings(trace, "zebrat", Sensing(), seed=0)
     assert list(readings.row[:6]) == [0, 24, 48, 72, 96, 120]
     made = score_trace(trace, readings, [*BASE, Representation(kind="sr", margin_m=0.05)], "zebrat")
     (event,) = made.events
@@ -82,17 +82,17 @@ def test_a_drive_at_a_wall_is_scored_as_worked_out_by_hand(monkeypatch):
 
 def test_sweeps_more_often_see_the_wall_sooner_and_an_odd_rate_is_refused(monkeypatch):
     trace = straight_trace(monkeypatch, 0.005 * np.arange(0, 181))
-    readings = take_readings(trace, load_robot(), Sensing(rate_hz=20.0), seed=0)
+    readings = take_readings(trace, "zebrat", Sensing(rate_hz=20.0), seed=0)
     assert score_trace(trace, readings, BASE[:1], "zebrat").lead_s[0, 0] == pytest.approx(-2 / 120)
     with pytest.raises(ConfigError, match="do not fall on physics steps at 120 Hz"):
-        take_readings(trace, load_robot(), Sensing(rate_hz=7.0), seed=0)
+        take_readings(trace, "zebrat", Sensing(rate_hz=7.0), seed=0)
 
 
 def test_reports_without_a_contact_are_false_alarms_and_count_once(monkeypatch):
     # Up to 0.1 m before the wall, back, and up to it again: FIFR fires in two runs of sweeps, the others in none.
     there = 0.3 + 0.1 * np.sin(np.linspace(0.0, 4.0 * np.pi, 480))
     made = score_trace(
-        t := straight_trace(monkeypatch, there), take_readings(t, load_robot(), Sensing(), 0), BASE, "zebrat"
+        t := straight_trace(monkeypatch, there), take_readings(t, "zebrat", Sensing(), 0), BASE, "zebrat"
     )
     assert not made.events and made.lead_s.shape == (4, 0)
     assert list(made.false_alarms) == [0, 0, 2, 0] and made.clear_s == pytest.approx(4.0)
@@ -133,19 +133,18 @@ def test_a_trace_is_the_same_again_and_survives_the_disk(solid, tmp_path):
 
 
 def test_both_casters_and_repeated_noise_report_the_same(ghost):
-    robot = load_robot()
     one, two = (
-        take_readings(ghost, robot, Sensing(lidar=LidarConfig(caster=name)), 0) for name in ("embree", "bullet")
+        take_readings(ghost, "zebrat", Sensing(lidar=LidarConfig(caster=name)), 0) for name in ("embree", "bullet")
     )
     differ = np.abs(one.scans - two.scans) > 1e-4
     assert differ.mean() < 1e-3  # rays that graze an edge
     noisy = Sensing(noise=NoiseConfig(range_sigma_m=0.02))
-    first, second = (take_readings(ghost, robot, noisy, 5) for _ in range(2))
+    first, second = (take_readings(ghost, "zebrat", noisy, 5) for _ in range(2))
     assert np.array_equal(first.scans, second.scans) and not np.array_equal(first.scans, one.scans)
 
 
 def test_sr_and_firect_report_nothing_that_the_cloud_does_not_and_the_cloud_nothing_that_is_not_there(ghost):
-    readings = take_readings(ghost, load_robot(), Sensing(), 0)
+    readings = take_readings(ghost, "zebrat", Sensing(), 0)
     sr, firect, _, cloud = (fires(what, "zebrat", readings.scans, readings.cloud_gaps_m) for what in BASE)
     assert cloud.any() and not (sr & ~cloud).any() and not (firect & ~cloud).any()
     assert not (cloud & ~(ghost.distance_m[readings.row] <= 0.0)).any()
@@ -299,7 +298,7 @@ def test_after_an_error_the_jobs_that_have_not_begun_are_dropped():
 
 
 def test_scores_survive_the_disk(tmp_path, solid):
-    readings = take_readings(solid, load_robot(), Sensing(), 0)
+    readings = take_readings(solid, "zebrat", Sensing(), 0)
     made = score_trace(solid, readings, BASE, "zebrat")
     save_npz(tmp_path / "score.npz", study.SCORE_SCHEMA, asdict(made))
     read = study._load_score(tmp_path / "score.npz")

@@ -17,6 +17,7 @@ def block(kind: str) -> str:
     return match[1]
 
 
+@pytest.mark.timeout(900)  # a dozen commands, processes of their own: over 300 s beside other work
 def test_the_example_is_refused_then_named_then_drives(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

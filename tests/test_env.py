@@ -263,7 +263,8 @@ def test_settings_are_plain_data_too_and_a_spec_comes_back_from_json():
     [
         ({"task": {"robt": "x"}}, "TaskConfig has no 'robt'; it has robot, physics"),
         ({"task": {"episode": {"max_step": 3}}}, "TaskConfig.episode has no 'max_step'; it has max_steps"),
-        ({"noise": {"dropout": "much"}}, "not a valid NoiseConfig"),
+        ({"noise": {"dropout": "much"}}, r"^not a valid NoiseConfig: dropout: Input should be [^\n]*, got 'much'$"),
+        ({"noise": {"dropout": 2}}, r"^not a valid NoiseConfig: dropout is a probability, got 2\.0$"),
         ({"noise": 0.1}, "settings are a NoiseConfig or a mapping of its fields, got '0.1'"),
         ({"reward": {"weights": {"F": {1, 2}}}}, "no plain data"),
     ],
@@ -271,6 +272,16 @@ def test_settings_are_plain_data_too_and_a_spec_comes_back_from_json():
 def test_plain_settings_that_cannot_be_meant_are_refused(settings, said):
     with pytest.raises(ConfigError, match=said):
         ZebratEnv("track_2", **settings)
+
+
+@pytest.mark.parametrize("action", ["left", None, [[1.0], [0.0, 1.0]], [0.1, 0.2, 0.3], float("nan"), {"speed": 1}])
+@pytest.mark.parametrize("discrete", [False, True])
+def test_an_action_that_is_none_is_refused_in_our_words(action, discrete):
+    env = ZebratEnv("track_2", caster="embree", discrete=discrete)
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match="action is"):
+        env.step(action)
+    env.close()
 
 
 def test_info_has_the_same_keys_of_the_same_kinds_at_reset_and_at_every_step():

@@ -2,11 +2,13 @@
 
 import io
 import struct
+import warnings
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from zebrat_bullet.config import TaskConfig, from_json
 from zebrat_bullet.errors import ConfigError, PolicyError
@@ -123,12 +125,19 @@ def test_arrays_come_back_as_numpy_wrote_them(tmp_path: Path) -> None:
     assert all(np.array_equal(read[k], v) and read[k].dtype == v.dtype for k, v in arrays.items())
 
 
-@pytest.mark.parametrize(
-    "header", [b"P5\n100000 100000\n255\n", b"P5\n20000 20000\n255\n", b"P5\n4 4\n0\n", b"P5\n9 9\n255\n"]
-)
+@pytest.mark.parametrize("header", [b"P5\n4 4\n0\n", b"P5\n9 9\n255\n"])
 def test_an_image_is_refused_by_what_it_declares(header: bytes, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"theirs\.x: is no whole image"):
         read_image(write(tmp_path, header + bytes(16)), ConfigError)
+
+
+@pytest.mark.parametrize("width", [9_000, 12_000, 20_000, 100_000])
+def test_an_image_of_too_many_pixels_is_refused_by_their_number(width: int, tmp_path: Path) -> None:
+    n_millions = width * 10_000 // 1_000_000
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with pytest.raises(ConfigError, match=rf"\.x: has {n_millions} million pixels, more than 80 million: crop"):
+            read_image(write(tmp_path, b"P5\n%d 10000\n255\n" % width + bytes(16)), ConfigError)
 
 
 @pytest.mark.parametrize("data", [b"", bytes(8), b"\xff" * 20, struct.pack("<Q", 2) + b"{}" + bytes(3)])

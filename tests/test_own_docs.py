@@ -13,6 +13,7 @@ BLOCK = re.compile(r"(?:`([\w.]+)`:\n\n)?```(python|yaml|sh)\n(.*?)```", re.DOTA
 REFUSED = "# refused"
 
 
+@pytest.mark.timeout(900)  # a dozen commands, processes of their own: over 300 s beside other work
 def test_the_page_on_worlds_of_ones_own_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

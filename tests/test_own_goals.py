@@ -14,11 +14,12 @@ import pytest
 import torch
 
 import zebrat_bullet  # noqa: F401 (registers the env ids)
+from zebrat_bullet.agents import load_agent
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError, WorldError
-from zebrat_bullet.evaluation.judge import Judgement, judge
+from zebrat_bullet.evaluation.judge import Judgement, judge, require_winnable_by
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.task.episode import EpisodeRules, Outcome, gates_of
@@ -113,6 +114,15 @@ def test_a_lap_is_driven_once_round_and_the_way_the_car_looks(write: Write, robo
     assert drive_rules(turned, robot, along([*backwards[:-1], (4.8, 1.0)]), library)[-1] == "success"
 
 
+def test_a_planner_that_drives_to_a_goal_is_not_judged_on_a_lap(write: Write) -> None:
+    path = write(RING)
+    what = Judgement(agent="oracle", worlds=(str(path),), episodes=1, workers=1, task=TaskConfig())
+    with pytest.raises(WorldError, match=r"won by a lap, and oracle drives to a goal.*--goal"):
+        judge(what)
+    require_winnable_by(load_agent("oracle", TaskConfig()), load_world(path, goal=(9.0, 5.0)))
+    require_winnable_by(load_agent("shipped", TaskConfig()), load_world(path))
+
+
 def test_no_gates_are_left_from_the_world_before(write: Write, robot: RobotModel) -> None:
     """A car that drove to a goal and then begins in a world without one takes open space for an end again."""
     world = load_world(write(IN_ROOM + "goal: [6.5, 2]\n"))
@@ -153,6 +163,9 @@ def test_a_world_that_nobody_can_win_is_refused_before_anyone_drives(write: Writ
     config = TRAIN_PRESETS["quick"]
     with pytest.raises(WorldError, match="nothing can be reached"):
         train(replace(config, worlds=(str(path),)), tmp_path / "run")
+    for command in ("video", "teleop"):
+        assert main([command, "--world", str(path), "--out", str(tmp_path / "made"), "--quiet"]) == 2
+    assert not (tmp_path / "made").exists()
     with pytest.warns(UserWarning, match="neither exit nor goal"):
         gymnasium.make("ZebraT/BigTrack-v0", world=path).close()
     with warnings.catch_warnings():

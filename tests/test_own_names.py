@@ -11,9 +11,11 @@ import pytest
 import zebrat_bullet  # noqa: F401 (registers the env ids)
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.detection.places import load_place
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.judge import Judgement, judge
+from zebrat_bullet.pytest_plugin import _Cache
 from zebrat_bullet.report.tables import score_table
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.presets import TRAIN_PRESETS
@@ -81,11 +83,21 @@ def test_a_reference_reads_as_it_is_written() -> None:
 
 
 def test_every_way_in_checks_a_world_with_the_car_that_drives_it(
-    short: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    short: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert main(["worlds", str(short), "--quiet"]) == 0
-    for command in (["worlds", str(short)], ["evaluate", "--agent", "random", "--worlds", str(short)]):
-        assert main([*command, "--robot", "long", "--quiet"]) == 2
+    monkeypatch.chdir(tmp_path)
+    for command in (
+        ["worlds", str(short)],
+        ["evaluate", "--agent", "random", "--worlds", str(short)],
+        ["video", "--agent", "random", "--world", str(short)],
+        ["teleop", "--world", str(short), "--port", "0"],
+        ["collisions", "--drivers", "random", "--worlds", str(short)],
+        ["bench", "--world", str(short)],
+        ["bench", "--agent", "random", "--world", str(short)],
+        ["bench", "--learning", "paper", "--world", str(short)],
+    ):
+        assert main([*command, "--robot", "long", "--quiet"]) == 2, command
         assert "short.yaml: start: at (0.80, 0.00)" in capfd.readouterr().err
     task = TaskConfig(robot="long")
     with pytest.raises(WorldError, match=r"short\.yaml: start"):
@@ -94,7 +106,13 @@ def test_every_way_in_checks_a_world_with_the_car_that_drives_it(
         gymnasium.make("ZebraT/BigTrack-v0", world=short, task=task)
     with pytest.raises(WorldError, match=r"short\.yaml: start"):
         PlanarVectorEnv(1, short, task=task)
-    assert load_world(short, robot=load_robot("zebrat")).name == "short"
+    with pytest.raises(WorldError, match=r"short\.yaml: start"):
+        load_place(str(short), "long")
+    checked = _Cache()  # of the pytest plugin's fixture
+    with pytest.raises(WorldError, match=r"short\.yaml: start"):
+        checked.world(short, "long")
+    assert checked.world(short, "zebrat").name == checked.world(f"{short}:start=1.0,0.0,0.0", "long").name == "short"
+    assert load_world(short, robot=load_robot("zebrat")).name == load_place(str(short)).name == "short"
 
 
 def test_another_car_has_no_share_in_the_certified_times(short: Path, tmp_path: Path) -> None:

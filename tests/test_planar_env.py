@@ -64,7 +64,9 @@ def test_spaces_and_types_are_those_of_the_single_env(settings: dict) -> None:
 
 def test_an_info_tells_of_the_episodes_that_ended() -> None:
     env = env_of()
-    env.reset(seed=0)
+    _, info = env.reset(seed=0)
+    assert set(info) == {"terms"} and all((term == np.zeros(N)).all() for term in info["terms"].values())
+    assert set(info["terms"]) == set("FOMTW")
     outcomes = set()
     for action in actions(60):
         observation, _, terminated, truncated, info = env.step(action)

@@ -189,16 +189,31 @@ def test_a_mistake_costs_nothing(settings, error, message, tmp_path):
     assert not (tmp_path / "sweep").exists()
 
 
-def test_worlds_of_one_file_name_are_refused_and_files_are_found_from_anywhere(tmp_path, monkeypatch):
+def test_worlds_of_one_file_name_have_runs_of_their_own_that_stay_where_they_are(tmp_path):
     shipped = Path(__file__).parent.parent / "worlds" / "track_2.yaml"
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        shutil.copy(shipped, tmp_path / name)
-    with pytest.raises(ConfigError, match="would share the folder"):
-        open_sweep(Sweep(worlds=("track_2", str(tmp_path / "a/track_2.yaml"))), tmp_path / "sweep")
+    files = [tmp_path / name / "track_2.yaml" for name in ("a", "x/b", "y/b")]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        shutil.copy(shipped, file)
+    first, second, third = map(str, files)
+    begun = open_sweep(Sweep(worlds=(second,)), tmp_path / "sweep")
+    grown = open_sweep(Sweep(worlds=(first, second, third, "track_2")), tmp_path / "sweep")
+    where = {config.worlds[0]: run.name for run, config in grown.items()}
+    assert where == {
+        second: "ddpg-fomt-track_2-seed0",
+        first: "ddpg-fomt-a-track_2-seed0",
+        third: "ddpg-fomt-b-track_2-seed0",
+        "track_2": "ddpg-fomt-track_2-2-seed0",
+    }
+    assert set(begun) < set(grown)
+
+
+def test_files_of_a_sweep_are_found_from_anywhere_with_their_places_too(tmp_path, monkeypatch):
+    shutil.copy(Path(__file__).parent.parent / "worlds" / "track_2.yaml", tmp_path)
     monkeypatch.chdir(tmp_path)
-    ((run, config),) = open_sweep(Sweep(worlds=("b/track_2.yaml",)), tmp_path / "sweep").items()
-    assert run.name == "ddpg-fomt-track_2-seed0" and config.worlds == (str(tmp_path / "b/track_2.yaml"),)
+    ((run, config),) = open_sweep(Sweep(worlds=("track_2.yaml",)), tmp_path / "sweep").items()
+    assert run.name == "ddpg-fomt-track_2-seed0" and config.worlds == (str(tmp_path / "track_2.yaml"),)
+    assert Sweep(worlds=("track_2.yaml:start=0.5,0.0,0.0",)).worlds == (f"{tmp_path}/track_2.yaml:start=0.5,0.0,0.0",)
 
 
 def test_a_yaml_manifest_names_a_sweep(tmp_path):

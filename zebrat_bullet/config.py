@@ -359,6 +359,8 @@ def with_reward(task: TaskConfig, name: str) -> TaskConfig:
     return replace(task, reward=REWARD_PRESETS[name], observation=observation)
 
 
+_MOST_ERRORS = 10
+
 Config = TypeVar("Config")
 
 
@@ -376,7 +378,19 @@ def from_json(kind: type[Config], text: str) -> Config:
     try:
         return TypeAdapter(kind).validate_json(text)
     except ValidationError as error:
-        raise ConfigError(f"not a valid {kind.__name__}: {shown(error, 1000)}") from error
+        raise ConfigError(f"not a valid {kind.__name__}: {_explained(error)}") from error
+
+
+def _explained(error: ValidationError) -> str:
+    """Return in a line which fields are wrong, and why."""
+    # Of several kinds of learners, those that were not meant say only that.
+    meant = [item for item in error.errors() if item["loc"][-1:] != ("algo",) or item["type"] != "literal_error"]
+    said = []
+    for item in (meant or error.errors())[:_MOST_ERRORS]:
+        where = ".".join(str(step) for step in item["loc"] if not str(step).endswith("Config"))
+        got = "" if item["type"] == "value_error" else f", got {shown(repr(item['input']))}"
+        said.append(f"{where + ': ' if where else ''}{item['msg'].removeprefix('Value error, ')}{got}")
+    return shown("; ".join(said), 1000)
 
 
 def from_plain(kind: type[Config], data: Config | Mapping[str, Any]) -> Config:

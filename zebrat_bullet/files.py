@@ -7,6 +7,7 @@ it is: wrap a parser that is not here in `refusing`. Nothing here unpickles.
 import json
 import math
 import re
+import warnings
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -246,10 +247,17 @@ def read_image(path: Path, error: type[ZebratError], most_pixels: int = MOST_PIX
     from PIL import Image
 
     require_file(path, error)
-    with refusing(path, error, "is no whole image", "save it again as PNG or PGM"):
-        image = Image.open(path, formats=IMAGE_FORMATS)
-        width, height = image.size
-        if width * height > most_pixels:
-            raise ValueError(f"{width} x {height} pixels, more than {most_pixels / MB:g} million: cut or scale it")
+    with refusing(path, error, "is no whole image", "save it again as PNG or PGM"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is a lower one
+        try:
+            image = Image.open(path, formats=IMAGE_FORMATS)
+            n_pixels = image.width * image.height
+        except Image.DecompressionBombError as bomb:
+            n_pixels = int(re.findall(r"\d+", str(bomb))[0])
+        if n_pixels > most_pixels:
+            raise error(
+                f"{shown(path)}: has {n_pixels / MB:.0f} million pixels, more than {most_pixels / MB:g} million: crop "
+                "it, or halve its size and double the resolution"
+            )
         image.load()
         return image

@@ -4,6 +4,7 @@ Every pytest run of an environment loads its plugins, so all that takes time to 
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,7 @@ class _Cache:
 
     def __init__(self) -> None:
         self._checkers: dict[tuple[Any, ...], CollisionChecker] = {}
-        self._worlds: dict[tuple[str, int], World] = {}
+        self._worlds: dict[tuple[str, str, int], World] = {}
 
     def checker(self, options: dict[str, Any]) -> "CollisionChecker":
         key = tuple(options.get(name) for name in OPTIONS)
@@ -82,16 +83,18 @@ class _Cache:
             self._checkers[key] = _make_checker(**options)
         return self._checkers[key]
 
-    def world(self, world: "str | Path | World") -> "World":
+    def world(self, world: "str | Path | World", robot: str | Path) -> "World":
         if not isinstance(world, str | Path):
             return world
         from zebrat_bullet.assets import find_asset
-        from zebrat_bullet.world.load import load_world
+        from zebrat_bullet.robot import load_robot
+        from zebrat_bullet.world import load_world, parse_reference
 
-        path = find_asset("worlds", str(world), ".yaml").resolve()
-        key = (str(path), path.stat().st_mtime_ns)
+        reference = parse_reference(str(world))
+        path = find_asset("worlds", reference.name, ".yaml").resolve()
+        key = (str(replace(reference, name=str(path))), str(robot), path.stat().st_mtime_ns)
         if key not in self._worlds:
-            self._worlds[key] = load_world(world)
+            self._worlds[key] = load_world(world, robot=load_robot(robot))
         return self._worlds[key]
 
     def close(self) -> None:
@@ -141,7 +144,7 @@ def collision_check(request: pytest.FixtureRequest, _collision_cache: _Cache) ->
         options = marker.kwargs | options
 
     def check(world: "str | Path | World", pose: "Pose2") -> Checked:
-        loaded = _collision_cache.world(world)
+        loaded = _collision_cache.world(world, options.get("robot", "zebrat"))
         return Checked(loaded.name, _collision_cache.checker(options).check(loaded, pose))
 
     return check

@@ -14,6 +14,7 @@ from zebrat_bullet.config import LidarConfig, PhysicsConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import load_world
@@ -22,7 +23,12 @@ WARMUP_STEPS = 50
 
 
 def run_bench(
-    world: str, n_steps: int, seed: int, rate_hz: float | None = None, bearings: str = "all"
+    world: str,
+    n_steps: int,
+    seed: int,
+    rate_hz: float | None = None,
+    bearings: str = "all",
+    robot: str = "zebrat",
 ) -> dict[str, dict[str, float]]:
     """Return, for each ray caster, medians over interleaved control steps of a car that steers at random.
 
@@ -32,6 +38,7 @@ def run_bench(
         seed: of start and steering.
         rate_hz: physics rate; None for the task's.
         bearings: what a step casts, as `LidarConfig.bearings`.
+        robot: the car, a name or a file.
 
     Returns:
         For "embree" and "bullet": `steps_per_s` and `rtf` (simulated seconds a second) of the full step; `overhead`,
@@ -43,27 +50,31 @@ def run_bench(
     physics = PhysicsConfig() if rate_hz is None else PhysicsConfig(rate_hz=rate_hz)
     return {
         caster: _bench(
-            world, n_steps, seed, TaskConfig(physics=physics, lidar=LidarConfig(caster=caster, bearings=bearings))
+            world,
+            n_steps,
+            seed,
+            TaskConfig(robot=robot, physics=physics, lidar=LidarConfig(caster=caster, bearings=bearings)),
         )
         for caster in ("embree", "bullet")
     }
 
 
-def bench_agent(name: str, world: str, seed: int) -> dict[str, float]:
+def bench_agent(name: str, world: str, seed: int, robot: str = "zebrat") -> dict[str, float]:
     """Return how long an agent thinks in one episode, embree caster: processor time of each `act` in ms.
 
     Args:
         name: as `load_agent` takes it.
         world: where it drives.
         seed: of the episode.
+        robot: the car, a name or a file.
 
     Returns:
         steps driven, the median (`p50_ms`), the 95th percentile (`p95_ms`) and the longest of all but the first, and
         the `first_ms`, in which planners plan the whole way.
     """
-    task = TaskConfig(lidar=LidarConfig(caster="embree"))
+    task = TaskConfig(robot=robot, lidar=LidarConfig(caster="embree"))
     agent = _Timed(load_agent(name, task))
-    drive = Drive(task, load_world(world))
+    drive = Drive(task, load_world(world, robot=load_robot(robot)))
     run_episode(drive, agent, seed, 0)  # compiles and warms what can be
     agent.took_ms.clear()
     run_episode(drive, agent, seed, 0)

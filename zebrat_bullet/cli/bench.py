@@ -3,22 +3,19 @@
 import argparse
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    Result,
-)
-
-if TYPE_CHECKING:
-    pass
+from zebrat_bullet.cli.common import AddCommand, Result
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import ConfigError
 
 
 def bench(arguments: argparse.Namespace) -> Result:
     """Time the environment step and its parts, for both ray casters; or planar cars; or an agent; or learning."""
     from zebrat_bullet.bench import bench_agent, bench_text, run_bench
 
-    show = bench_text
+    show, robot = bench_text, arguments.robot
+    if (arguments.planar or arguments.learning == "planar") and robot != TaskConfig().robot:
+        raise ConfigError(f"planar cars are timed with {TaskConfig().robot}, got --robot {robot}; leave it out")
     if arguments.learning == "planar":
         from zebrat_bullet.bench.learning import bench_planar_learning
 
@@ -30,14 +27,17 @@ def bench(arguments: argparse.Namespace) -> Result:
         result = bench_planar(arguments.steps, arguments.cars, arguments.device, arguments.rounds, arguments.seed)
     elif arguments.learning:
         from zebrat_bullet.bench.learning import bench_learning
-        from zebrat_bullet.training.presets import TRAIN_PRESETS
+        from zebrat_bullet.training.presets import TRAIN_PRESETS, with_task
 
         config = replace(TRAIN_PRESETS[arguments.learning], worlds=(arguments.world,), seed=arguments.seed)
+        config = with_task(config, robot, None)
         result = bench_learning(config, arguments.steps, arguments.rounds)
     elif arguments.agent:
-        result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed)}
+        result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed, robot)}
     else:
-        result = run_bench(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz, arguments.bearings)
+        result = run_bench(
+            *(arguments.world, arguments.steps, arguments.seed, arguments.rate_hz, arguments.bearings), robot=robot
+        )
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(result, indent=2))

@@ -118,6 +118,7 @@ def replay(arguments: argparse.Namespace) -> Result:
 def video(arguments: argparse.Namespace) -> Result:
     """Drive one episode and write it as an MP4."""
     from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.evaluation.judge import require_winnable_by
     from zebrat_bullet.evaluation.rollout import run_episode
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
@@ -126,8 +127,10 @@ def video(arguments: argparse.Namespace) -> Result:
     _sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
-    drive = Drive(task, load_world(reference, robot=load_robot(task.robot)))
+    world = load_world(reference, robot=load_robot(task.robot))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
+    require_winnable_by(agent, world)
+    drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
     arguments.out = arguments.out or Path("results") / f"{file_name(arguments.agent)}-{Path(arguments.world).stem}.mp4"

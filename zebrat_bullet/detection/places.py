@@ -8,7 +8,7 @@ import shapely
 from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import to_world
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.task.episode import draw_pose
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import Start, World, load_world
@@ -21,15 +21,15 @@ _TRIES = 1000
 
 
 @lru_cache(maxsize=8)
-def load_place(name: str) -> World:
-    """Load a world by name or path, or make the field "posts-0.02": round posts of so many metres in diameter.
+def load_place(name: str, robot: str = "zebrat") -> World:
+    """Load a world, checked with the car that drives there, or make "posts-0.02": round posts of so many metres.
 
     Raises:
         ConfigError: the diameter is no number between 0.005 and 0.5.
-        AssetError, WorldError: no such world, or a bad one.
+        AssetError, WorldError, RobotError: no such world or car, or a bad one.
     """
     if not name.startswith(POSTS):
-        return load_world(name)
+        return load_world(name, robot=load_robot(robot))
     try:
         diameter = float(name.removeprefix(POSTS))
     except ValueError:

@@ -121,19 +121,20 @@ class TraceScore:
     overlap_reports: NDArray[np.int64]
 
 
-def take_readings(trace: Trace, robot: RobotModel, sensing: Sensing, seed: int) -> Readings:
-    """Sweep the lidar along a trace.
+def take_readings(trace: Trace, robot: str, sensing: Sensing, seed: int) -> Readings:
+    """Sweep the lidar of a car, by name or file, along a trace.
 
     Raises:
         ConfigError: the physics steps between two sweeps are no whole number.
+        ZebratError: the world or the car cannot be loaded.
     """
     every = sensing.steps_between(trace.rate_hz)
-    world = load_place(trace.world)
-    simulation = Simulation(robot, PhysicsConfig())  # never stepped: the caster "bullet" casts against its walls
+    model, world = load_robot(robot), load_place(trace.world, robot)
+    simulation = Simulation(model, PhysicsConfig())  # never stepped: the caster "bullet" casts against its walls
     simulation.set_world(world)
-    lidar = Lidar(robot, sensing.lidar, sensing.noise, sensing.flatten, simulation.client_id)
+    lidar = Lidar(model, sensing.lidar, sensing.noise, sensing.flatten, simulation.client_id)
     lidar.set_world(world)
-    outline = robot.footprint_base - robot.lidar_xyz_base[:2]
+    outline = model.footprint_base - model.lidar_xyz_base[:2]
     rng = np.random.default_rng([seed, trace.chunk])
     rows = np.concatenate([np.arange(a, b, every) for a, b in pairwise(trace.first_row)])
     scans = np.empty((len(rows), sensing.lidar.n_bearings), np.float32)
@@ -148,7 +149,7 @@ def take_readings(trace: Trace, robot: RobotModel, sensing: Sensing, seed: int) 
 
 def score_trace(trace: Trace, readings: Readings, representations: Sequence[Representation], robot: str) -> TraceScore:
     """Score representations on a trace; the rows of the result are in their order."""
-    model, walls = load_robot(robot), load_place(trace.world).walls
+    model, walls = load_robot(robot), load_place(trace.world, robot).walls
     reports = np.array([fires(what, robot, readings.scans, readings.cloud_gaps_m) for what in representations])
     before, after = round(BEFORE_S * trace.rate_hz), round(AFTER_S * trace.rate_hz)
     drive_of = np.searchsorted(trace.first_row, readings.row, side="right") - 1

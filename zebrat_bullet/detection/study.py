@@ -130,7 +130,7 @@ def drive(study: Study, folder: Path, workers: int | None, progress: Progress) -
     """
     load_robot(study.task.robot)
     for world in study.worlds:
-        load_place(world)
+        load_place(world, study.task.robot)
     if "policy" in study.drivers:
         load_unguided(study.policy, study.task)
     _claim(folder, study)
@@ -231,7 +231,7 @@ def _score_job(path: Path, sensing: Sensing, what: list[Representation], study: 
     if kept.is_file():
         return _load_score(kept)
     trace = load_trace(path)
-    readings = take_readings(trace, load_robot(study.task.robot), sensing, study.seed)
+    readings = take_readings(trace, study.task.robot, sensing, study.seed)
     made = score_trace(trace, readings, what, study.task.robot)
     save_npz(kept, SCORE_SCHEMA, asdict(made))
     return made

@@ -124,7 +124,7 @@ def record_drives(job: DriveJob) -> Trace:
     Raises:
         ZebratError: the world, the robot or the policy cannot be loaded.
     """
-    world, robot = load_place(job.world), load_robot(job.task.robot)
+    world, robot = load_place(job.world, job.task.robot), load_robot(job.task.robot)
     simulation = Simulation(robot, job.task.physics)
     if job.walls == "solid":
         simulation.set_world(world)

@@ -15,7 +15,7 @@ from zebrat_bullet.envs.zebrat_env import spaces_of, varied
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.task.rewards import terminal_codes
+from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
 
@@ -69,9 +69,14 @@ class PlanarVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode of every car; a seed fixes all that follows, without one the last one's numbers go on."""
+        """Begin an episode of every car; a seed fixes all that follows, without one the last one's numbers go on.
+
+        Returns:
+            (N, size) observations, and an info with `terms`, all 0.
+        """
         super().reset(seed=seed)
-        return on_host(self.drive.reset(seed)), {}
+        observation = on_host(self.drive.reset(seed))
+        return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, ...]:
         """Drive every car one control step of 0.2 s.

@@ -6,15 +6,15 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from zebrat_bullet.agents import load_agent
+from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.config import TaskConfig, within
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.world import WorldNote, load_world, require_winnable, world_labels
+from zebrat_bullet.world import World, WorldNote, load_world, require_winnable, world_labels
 
 CHUNK = 5
 
@@ -63,10 +63,9 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
     Raises:
         ZebratError: the agent or a world cannot be loaded, or not be won; nothing was driven then.
     """
-    load_agent(what.agent, what.task)
-    robot = load_robot(what.task.robot)
+    agent, robot = load_agent(what.agent, what.task), load_robot(what.task.robot)
     for world in what.worlds:
-        require_winnable(load_world(world, robot=robot))
+        require_winnable_by(agent, load_world(world, robot=robot))
     jobs = [
         (what, world, range(first, min(first + CHUNK, what.episodes)))
         for world in what.worlds
@@ -80,6 +79,20 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
             for _ in chunk:
                 on_episode(world)
     return {world: score(sorted(records[world], key=lambda r: r.episode)) for world in what.worlds}
+
+
+def require_winnable_by(agent: Agent, world: World) -> None:
+    """Refuse a world in which no episode of an agent can succeed.
+
+    Raises:
+        WorldError: nobody can win it, or it is won by a lap and the agent drives to a goal.
+    """
+    require_winnable(world)
+    if "goal" in agent.privileged and world.open_line is None and len(world.gates) > 1:
+        raise WorldError(
+            f"{world.source or world.name}: it is won by a lap, and {agent.name} drives to a goal, so every episode "
+            "would fail; give the world a goal (`goal: [x, y]`, --goal X Y), or let a policy drive"
+        )
 
 
 def record_path(folder: Path, world: str, episode: int, worlds: Sequence[str] = ()) -> Path:

@@ -90,7 +90,7 @@ class _View:
         sensing = case.sensing
         self._region = region_of(case.representation, robot, sensing.lidar.n_bearings)
         self._every = sensing.steps_between(trace.rate_hz)
-        world = load_place(trace.world)
+        world = load_place(trace.world, robot)
         self._lidar = Lidar(self._robot, replace(sensing.lidar, caster="embree"), NoiseConfig(), sensing.flatten)
         self._lidar.set_world(world)
         self._first = int(trace.first_row[event.drive])

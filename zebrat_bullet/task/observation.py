@@ -145,7 +145,10 @@ class ObservationSpec:
         Raises:
             ActionError: the action is not two finite numbers.
         """
-        values = np.asarray(action, dtype=np.float64)
+        try:
+            values = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):  # a text, a ragged list
+            values = np.empty(0)
         if values.shape != (2,) or not np.isfinite(values).all():
             raise ActionError(f"an action is two finite numbers (speed, steering), got {action!r}")
         command = self.decode_cars(values[None])
@@ -165,9 +168,13 @@ class ObservationSpec:
         Raises:
             ActionError: the index is out of range.
         """
-        if not 0 <= int(action) < len(DISCRETE_COMMANDS):
+        try:
+            index = int(action)
+        except (TypeError, ValueError, OverflowError):  # a text, no number, an array of several
+            index = -1
+        if not 0 <= index < len(DISCRETE_COMMANDS):
             raise ActionError(f"a discrete action is 0..{len(DISCRETE_COMMANDS) - 1}, got {action!r}")
-        speed, steering = DISCRETE_COMMANDS[int(action)]
+        speed, steering = DISCRETE_COMMANDS[index]
         return Command(speed * self.max_speed_mps, steering * self.max_steering_rad)
 
 

@@ -18,7 +18,7 @@ from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.teleop.hub import Hub
 from zebrat_bullet.teleop.person import PersonAgent, RestartError, show_view
 from zebrat_bullet.teleop.server import TeleopServer
-from zebrat_bullet.world import load_world
+from zebrat_bullet.world import load_world, require_winnable
 
 
 def teleop(
@@ -50,10 +50,13 @@ def teleop(
 
     Raises:
         ConfigError: the address cannot be listened on, or episodes is below 1.
+        AssetError, WorldError: the world cannot be loaded, driven or won.
     """
     if episodes is not None and episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}; leave it out to drive until Ctrl-C")
-    drive = Drive(task, load_world(world, robot=load_robot(task.robot)))
+    place = load_world(world, robot=load_robot(task.robot))
+    require_winnable(place)
+    drive = Drive(task, place)
     hub = Hub()
     server = TeleopServer(host, port, hub, _world_json(drive))
     on_ready(server.url)

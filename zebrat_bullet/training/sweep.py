@@ -3,7 +3,7 @@
 import json
 import math
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import chain, count, product
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +60,9 @@ class Sweep:
         object.__setattr__(self, "robot", named_robot(self.robot))
 
 
-def _anywhere(name_or_file: str) -> str:
-    return str(Path(name_or_file).resolve()) if is_file(name_or_file) else name_or_file
+def _anywhere(world: str) -> str:
+    reference = parse_reference(world)
+    return str(replace(reference, name=str(Path(reference.name).resolve()))) if is_file(reference.name) else world
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -95,12 +96,15 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     has more on its axes.
 
     Raises:
-        ConfigError: a setting is wrong, two runs would share a folder, or the folder holds another sweep.
+        ConfigError: a setting is wrong, or the folder holds another sweep.
         ZebratError: a world cannot be driven.
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
-        _refuse_another(read_config(Sweep, manifest), sweep, folder)
+        before = read_config(Sweep, manifest)
+        _refuse_another(before, sweep, folder)
+        # In the order in which they came, for a world's place in it tells the folders of its runs.
+        sweep = replace(sweep, worlds=tuple(dict.fromkeys([*before.worlds, *sweep.worlds])))
     runs = _runs(sweep, folder)
     a_run = next(iter(runs.values()))
     load_robot(a_run.task.robot)
@@ -122,18 +126,27 @@ def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
         raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")
     training: list[tuple[str, ...]] = [(world,) for world in sweep.worlds]
     training = training or [TRAIN_PRESETS[sweep.preset].worlds]
+    labels = _labels(training)
     for algo, reward, worlds, seed in product(sweep.algos, sweep.rewards, training, sweep.seeds):
-        where = "+".join(dict.fromkeys(Path(parse_reference(world).name).stem for world in worlds)) or "generated"
-        run = folder / f"{algo}-{reward}-{where}-seed{seed}"
-        if run in runs:
-            raise ConfigError(
-                f"{worlds[0]!r} and {runs[run].worlds[0]!r} would share the folder {run}; rename one file"
-            )
+        run = folder / f"{algo}-{reward}-{labels[worlds]}-seed{seed}"
         try:
             runs[run] = _run_config(sweep, algo, reward, worlds, seed)
         except ZebratError as error:
             raise ConfigError(f"{run.name}: {error}") from error
     return runs
+
+
+def _labels(training: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+    """Return a name for the worlds of each run; of those alike the first keeps it, so that a sweep may grow."""
+    made: dict[tuple[str, ...], str] = {}
+    for worlds in training:
+        plain = "+".join(dict.fromkeys(Path(parse_reference(world).name).stem for world in worlds)) or "generated"
+        folders = Path(parse_reference(worlds[0]).name).parent.parts[1:] if worlds else ()
+        by_folder = ("-".join([*folders[-depth:], plain]) for depth in range(1, len(folders) + 1))
+        by_number = (f"{plain}-{k}" for k in count(2))
+        taken = {name.casefold() for name in made.values()}
+        made[worlds] = next(name for name in chain([plain], by_folder, by_number) if name.casefold() not in taken)
+    return made
 
 
 def _run_config(sweep: Sweep, algo: str, reward: str, worlds: tuple[str, ...], seed: int) -> TrainConfig:

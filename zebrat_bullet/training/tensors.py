@@ -1,6 +1,7 @@
 """All that learning changes in a learner, as tensors by name: out of it, and back into an untrained one."""
 
 import io
+import pickle
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -108,4 +109,7 @@ def _load_weights(data: bytes) -> Mapping[str, Any]:
     with zipfile.ZipFile(io.BytesIO(data)) as inner:  # torch stores its tensors as they are
         if sum(member.file_size for member in inner.infolist()) > len(data):
             raise ValueError("its weights unpack to more than they take")
-    return torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    try:
+        return torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:  # torch would advise to let it run
+        raise ValueError("it holds more than weights, which could run as a program and is not read") from error

@@ -26,7 +26,7 @@ def require_winnable(world: World, source: str = "") -> None:
     if not world.can_be_won:
         named = source or world.source or world.name
         raise WorldError(
-            f"{named}: goal: nothing can be reached in this world, so every episode would fail; give  it a goal "
+            f"{named}: goal: nothing can be reached in this world, so every episode would fail; give it a goal "
             "(`goal: [x, y]` in its world file, --goal X Y, goal=(x, y)), an exit (open_line), or a "
             "centre_line that ends at its first point (a circuit)"
         )

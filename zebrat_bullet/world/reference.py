@@ -126,5 +126,6 @@ def _checked(key: str, values: Sequence[object]) -> tuple[float, ...]:
     except ValueError:
         numbers = ()
     if len(numbers) not in lengths or not all(math.isfinite(v) and abs(v) <= MOST_COORDINATE_M for v in numbers):
-        raise WorldError(f"{key}: takes {shape}, finite numbers, got {shown(','.join(map(str, values)))}; correct it")
+        got = shown(",".join(map(str, values)))
+        raise WorldError(f"{key}: takes {shape}, numbers within {MOST_COORDINATE_M:g} of 0, got {got}; correct it")
     return numbers

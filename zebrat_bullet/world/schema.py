@@ -284,7 +284,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     data = read_any_yaml(path, WorldError)
     if not isinstance(data, dict):
-        raise WorldError(f"{path}: holds {type(data).__name__}, not `key: value` lines; start with `name:`")
+        holds = "is empty" if data is None else f"holds a {type(data).__name__}"
+        raise WorldError(f"{path}: {holds}, not `key: value` lines; start with `name:`")
     return data
 
 

@@ -165,7 +165,8 @@ def _check_open_space(world: World, open_line: NDArray[np.float64], robot: Robot
     if early is not None:
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
-            f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls or narrow the passage there"
+            f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls, narrow "
+            "the passage there, or give it a goal, which then decides"
         )
     exit_yaw = _headings(world.centre_line)[-1]
     past = shapely.LineString(world.centre_line).difference(world.free_space.buffer(_ON_LINE_M))
