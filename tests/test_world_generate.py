@@ -96,7 +96,7 @@ def test_what_was_asked_for_reaches_the_tracks_of_every_worker() -> None:
 
 
 def test_fewer_than_one_worker_is_refused_at_once() -> None:
-    with pytest.raises(ConfigError, match="at least 1.* got 0"):
+    with pytest.raises(ConfigError, match=r"at least 1.* got 0"):
         generate_tracks(range(3), workers=0)
 
 
