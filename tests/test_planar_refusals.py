@@ -1,5 +1,6 @@
 """What planar cars refuse, with the reason, and before anything was simulated."""
 
+import copy
 import pickle
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from planar_cars import FIELD, planar
 
 from zebrat_bullet.config import FlattenConfig, LidarConfig, ObservationConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
-from zebrat_bullet.errors import ActionError, AssetError, ConfigError, RobotError, WorldError
+from zebrat_bullet.errors import ActionError, AssetError, ConfigError, EpisodeError, RobotError, WorldError
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import PlanarSimulation, find_device
 from zebrat_bullet.robot import RobotModel
@@ -134,6 +135,7 @@ def test_a_non_finite_action_names_car_and_step_and_nothing_is_simulated(bad: fl
 @pytest.mark.parametrize("shape", [(4,), (3, 2), (4, 3), (4, 2, 1)])
 def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     env = PlanarVectorEnv(4, "track_1")
+    env.reset(seed=0)
     with pytest.raises(ActionError, match=r"actions must have the shape \(4, 2\), got \("):
         env.step(np.zeros(shape, np.float32))
 
@@ -145,3 +147,14 @@ def test_actions_beyond_the_limits_are_clipped() -> None:
         drive.step(np.float32([action]))
         ends.append(drive.sim.motion.copy())
     assert np.array_equal(*ends)
+
+
+def test_planar_cars_are_neither_stepped_before_a_reset_nor_copied() -> None:
+    env = PlanarVectorEnv(2, "track_2")
+    with pytest.raises(EpisodeError, match="call reset first"):
+        env.step(np.zeros((2, 2), dtype=np.float32))
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2), dtype=np.float32))
+    for copied in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(EpisodeError, match="cannot be copied or pickled"):
+            copied(env)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array, like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
+from zebrat_bullet.errors import EpisodeError
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
@@ -62,6 +63,7 @@ class PlanarVectorEnv(VectorEnv):
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
         self.terminal = terminal_codes(config.reward)
         self.num_envs = num_envs
+        self._begun = False
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -75,6 +77,7 @@ class PlanarVectorEnv(VectorEnv):
             (N, size) observations, and an info with `terms`, all 0.
         """
         super().reset(seed=seed)
+        self._begun = True
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}
 
@@ -87,7 +90,10 @@ class PlanarVectorEnv(VectorEnv):
 
         Raises:
             ActionError: an action is not finite; the message names car and step, and nothing was simulated.
+            EpisodeError: nothing was begun yet.
         """
+        if not self._begun:
+            raise EpisodeError("step: no episode was begun yet; call reset first")
         step = self.drive.step(self.on_device(actions))
         outcome = on_host(step.outcome)
         ended = outcome > 0
@@ -99,6 +105,14 @@ class PlanarVectorEnv(VectorEnv):
             ended & ~terminated,
             self._info(step, outcome),
         )
+
+    def __reduce_ex__(self, protocol: object) -> str:
+        """Refuse to be copied or pickled: its cars live in memory of the device.
+
+        Raises:
+            EpisodeError: always; says what to do instead.
+        """
+        raise EpisodeError("planar cars cannot be copied or pickled; make another env, or use drive.state() and load()")
 
     def on_device(self, actions: NDArray[np.float32]) -> Array:
         """Return actions where the cars are."""
