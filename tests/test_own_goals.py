@@ -145,6 +145,7 @@ def test_the_oracle_arrives_in_an_empty_room(write: Write, tmp_path: Path) -> No
 def test_planar_cars_reach_goals_by_the_same_rule(write: Write) -> None:
     goal = write(IN_ROOM + "goal: [6.5, 2]\n")
     envs = PlanarVectorEnv(2, [goal, "track_2"])
+    envs.reset(seed=0)
     envs.drive.begin_at(np.array([0, 0], np.int32), [Pose2(5.5, 2.0, 0.0), Pose2(3.0, 2.0, 0.0)])
     names = []
     for _ in range(12):
