@@ -56,6 +56,7 @@ class PolicyAgent:
         _check(name, len(layers[-1][1]), head, activation, grid)
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
         self.head, self.activation, self.grid = head, activation, grid
+        self._choices = tuple(np.array(values, dtype=np.float32) for values in grid)
         self.privileged = frozenset({"waypoint"} if observation.waypoint else ())
 
     def reset(self, seed: int) -> None:
@@ -83,7 +84,7 @@ class PolicyAgent:
         if self.head == "argmax":
             return np.array(DISCRETE_COMMANDS, dtype=np.float32)[output.argmax(axis=-1)]
         if self.head == "grid":
-            speeds, steerings = (np.array(values, dtype=np.float32) for values in self.grid)
+            speeds, steerings = self._choices
             speed, steering = output[..., : len(speeds)], output[..., len(speeds) :]
             return np.stack([speeds[speed.argmax(axis=-1)], steerings[steering.argmax(axis=-1)]], axis=-1)
         return np.tanh(output) if self.head == "tanh" else np.clip(output, -1.0, 1.0)

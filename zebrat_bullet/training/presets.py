@@ -65,20 +65,19 @@ def with_task(config: TrainConfig, robot: str, reward: str | None) -> TrainConfi
     return replace(config, task=task if reward is None else with_reward(task, reward))
 
 
+_PPO = PPOConfig(
+    hidden=(128, 128),
+    activation="tanh",
+    lr=1e-3,
+    lr_final=0.05,
+    n_steps=32,
+    batch_size=2048,
+    n_epochs=3,
+    reward_scale=0.01,
+)
+
 _GENERAL = TrainConfig(
-    learner=PPOConfig(
-        hidden=(128, 128),
-        activation="tanh",
-        lr=1e-3,
-        lr_final=0.05,
-        n_steps=32,
-        batch_size=2048,
-        n_epochs=3,
-        gamma=0.98,
-        reward_scale=0.01,
-        log_std_init=-0.4,
-        least_std=0.1,
-    ),
+    learner=replace(_PPO, gamma=0.98, log_std_init=-0.4, least_std=0.1),
     worlds=(),
     steps=20_000_000,
     # A second thread gains little, and waits for its turn where another process keeps a core busy.
@@ -101,16 +100,9 @@ _QUICK = replace(
 )
 
 _ALLROUND = TrainConfig(
-    learner=PPOConfig(
-        hidden=(128, 128),
-        activation="tanh",
-        lr=1e-3,
-        lr_final=0.05,
-        n_steps=32,
-        batch_size=2048,
-        n_epochs=3,
+    learner=replace(
+        _PPO,
         gamma=0.99,
-        reward_scale=0.01,
         ent_coef=0.002,
         speeds=(-1.0, -0.4, 0.4, 1.0),
         steerings=(-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0),
