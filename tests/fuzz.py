@@ -28,7 +28,8 @@ from PIL import Image
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
-from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, read_config, with_settings_of
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
+from zebrat_bullet.config_text import read_config, with_settings_of
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import drive_episodes

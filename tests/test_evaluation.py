@@ -7,7 +7,8 @@ import pytest
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
-from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig, from_json
+from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import AssetError, ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.judge import Judgement, judge, record_path
 from zebrat_bullet.evaluation.metrics import score, wilson_interval

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from zebrat_bullet.config import TaskConfig, from_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.files import (
     is_file,

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from zebrat_bullet.cli import main
-from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, to_json, with_reward
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig, with_reward
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.report.learning import learning_table, write_report

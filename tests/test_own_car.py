@@ -15,7 +15,8 @@ from planar_cars import FIELD, drive, planar, stand
 
 from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.cli import main
-from zebrat_bullet.config import PhysicsConfig, TaskConfig, from_json, to_json
+from zebrat_bullet.config import PhysicsConfig, TaskConfig
+from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.robot import fitted, inspect_robot, load_robot, most_steering_rad, named_robot
 from zebrat_bullet.sim.simulation import Simulation

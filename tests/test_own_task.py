@@ -10,7 +10,8 @@ from own_cars import ROS_JOINTS, OwnCar
 
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
 from zebrat_bullet.cli import main
-from zebrat_bullet.config import LidarConfig, PhysicsConfig, SafetyRegionConfig, TaskConfig, from_json, to_json
+from zebrat_bullet.config import LidarConfig, PhysicsConfig, SafetyRegionConfig, TaskConfig
+from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.robot import load_robot, named_robot

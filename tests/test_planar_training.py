@@ -11,7 +11,7 @@ from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import load_policy
-from zebrat_bullet.config import to_json
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.generated import judge_generated

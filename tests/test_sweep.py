@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from zebrat_bullet.cli.main import main
-from zebrat_bullet.config import to_json
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
 from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.training.presets import TRAIN_PRESETS

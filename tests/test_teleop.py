@@ -19,7 +19,8 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from zebrat_bullet.config import PhysicsConfig, TaskConfig, from_json
+from zebrat_bullet.config import PhysicsConfig, TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import replay_episode

@@ -20,15 +20,8 @@ import torch
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import (
-    EpisodeConfig,
-    LidarConfig,
-    TaskConfig,
-    from_json,
-    overrides_of,
-    to_json,
-    with_overrides,
-)
+from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
+from zebrat_bullet.config_text import from_json, overrides_of, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError, ZebratError
 from zebrat_bullet.evaluation.csv_log import CsvLog

@@ -9,15 +9,8 @@ import pytest
 from boxes import box_world, standing
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import (
-    EpisodeConfig,
-    FlattenConfig,
-    LidarConfig,
-    NoiseConfig,
-    SafetyRegionConfig,
-    TaskConfig,
-    from_json,
-)
+from zebrat_bullet.config import EpisodeConfig, FlattenConfig, LidarConfig, NoiseConfig, SafetyRegionConfig, TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode

@@ -6,7 +6,6 @@ What is written over these arrays has a leading axis of cars, N of them; one car
 from types import ModuleType
 from typing import Any
 
-import array_api_compat
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,14 +15,18 @@ Array = Any
 
 def namespace(array: Array) -> ModuleType:
     """Return the library of an array, under the names of the array API standard."""
-    # NumPy 2 is its own; array_api_compat's wrappers about it would cost a single car half of its time here.
-    module: ModuleType = np if isinstance(array, np.ndarray) else array_api_compat.array_namespace(array)
+    if isinstance(array, np.ndarray):
+        # NumPy 2 is its own; array_api_compat's wrappers about it would cost a single car half of its time here.
+        return np
+    import array_api_compat  # only what holds torch's arrays needs it: a car on the road has neither
+
+    module: ModuleType = array_api_compat.array_namespace(array)
     return module
 
 
 def device_of(array: Array) -> Any:
     """Return where an array is, as its library names it."""
-    return array_api_compat.device(array)
+    return "cpu" if isinstance(array, np.ndarray) else array.device
 
 
 def like(values: NDArray, array: Array) -> Array:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ZebratError
@@ -32,7 +31,6 @@ MOST_MEMBERS = 100_000
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF", "GIF", "WEBP")
 _NUMBER = re.compile(r"[-+]?[0-9][0-9a-fA-F_.:xob+-]*")
 _ERROR_CHARACTERS = 500
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def shown(value: object, most: int = 100) -> str:
@@ -106,19 +104,24 @@ def read_yaml(path: Path, error: type[ZebratError]) -> Any:
 
 def parse_yaml(text: str, source: Path | str, error: type[ZebratError]) -> Any:
     """Return the plain data in a YAML text: mappings with text keys, lists, texts, numbers, truth values and None."""
+    import yaml
+
     with refusing(source, error, "is not readable as YAML", "mend what it names"):
-        _check_yaml(text)
-        data = yaml.load(text, Loader=_LOADER)
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        _check_yaml(text, loader)
+        data = yaml.load(text, Loader=loader)
         _check_plain(data)
         return data
 
 
-def _check_yaml(text: str) -> None:
+def _check_yaml(text: str, loader: Any) -> None:
     """Refuse deep nesting, aliases that multiply and endless numbers, before anything is made of them."""
+    import yaml
+
     sizes: dict[str, int] = {}
     # Name of the anchor (or None) and number of nodes so far, of each collection that is open.
     open_: list[tuple[str | None, int]] = [(None, 0)]
-    for event in yaml.parse(text, Loader=_LOADER):
+    for event in yaml.parse(text, Loader=loader):
         anchor, grown = getattr(event, "anchor", None), 0
         if isinstance(event, yaml.AliasEvent):
             if anchor not in sizes:

@@ -6,13 +6,15 @@ x forward, y left, z up; `_lidar` is the sensor's own. Yaw, bearings and steerin
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array
+
+if TYPE_CHECKING:
+    import shapely
 
 
 class Pose2(NamedTuple):
@@ -180,6 +182,6 @@ class Reading:
     speed_mps: float
     time_s: float
     state: RobotState | None = None
-    walls: shapely.MultiPolygon | None = None
+    walls: "shapely.MultiPolygon | None" = None
     goal_world: NDArray[np.float64] | None = None
     waypoint: Waypoint | None = None

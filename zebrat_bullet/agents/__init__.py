@@ -8,7 +8,8 @@ from typing import Any
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.config import TaskConfig, from_json, with_overrides
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import from_json, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
 from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.robot import fitted, load_robot

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from safetensors.numpy import save_file
 
 from zebrat_bullet.assets import find_asset
-from zebrat_bullet.config import from_json
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import PolicyError
 from zebrat_bullet.files import parse_json, read_safetensors, refusing, shown
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec

@@ -11,7 +11,8 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_overrides, with_reward
+from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
+from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot.setup import FOOTPRINTS, named_robot
 

@@ -96,7 +96,7 @@ def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
 
 def replay(arguments: argparse.Namespace) -> Result:
     """Drive a recorded episode's commands again and say whether every pose came out the same."""
-    from zebrat_bullet.config import from_json
+    from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
     from zebrat_bullet.robot import load_robot
@@ -152,7 +152,7 @@ def _sort_set(arguments: argparse.Namespace) -> None:
 
 
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
-    from zebrat_bullet.config import from_json
+    from zebrat_bullet.config_text import from_json
     from zebrat_bullet.report.video import write_video
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.world import load_world

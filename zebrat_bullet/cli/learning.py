@@ -20,7 +20,7 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config import with_overrides, with_settings_of
+from zebrat_bullet.config_text import with_overrides, with_settings_of
 from zebrat_bullet.errors import ConfigError
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import MOST_SEED, TaskConfig, to_json, within
+from zebrat_bullet.config import MOST_SEED, TaskConfig, within
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.places import load_place
 from zebrat_bullet.detection.representations import Representation

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, from_plain, with_reward
+from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
+from zebrat_bullet.config_text import from_plain
 from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.files import shown
 from zebrat_bullet.robot import load_robot

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from zebrat_bullet.agents import PRIVILEGES, Agent, load_agent
-from zebrat_bullet.config import TaskConfig, to_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.task.drive import Drive, DriveStep

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from zebrat_bullet.assets import find_asset
-from zebrat_bullet.config import from_json
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.robot import load_robot

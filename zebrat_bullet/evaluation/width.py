@@ -10,7 +10,8 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig, to_json, within
+from zebrat_bullet.config import TaskConfig, within
+from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings

@@ -11,7 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.assets import find_asset
-from zebrat_bullet.config import PhysicsConfig, read_config
+from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.config_text import read_config
 from zebrat_bullet.errors import PlanError, WorldError
 from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor

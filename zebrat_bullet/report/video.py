@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import TaskConfig, from_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.geometry import wrap_angle
 from zebrat_bullet.render import Frame, Renderer

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array, clamp, like, namespace
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ActionError, ConfigError
-from zebrat_bullet.sensing.safety_region import SafetyRegion
 from zebrat_bullet.types import Command, Commands, Reading
+
+if TYPE_CHECKING:
+    from zebrat_bullet.sensing.safety_region import SafetyRegion
 
 DISCRETE_COMMANDS = tuple((speed, steering) for speed in (-1.0, 1.0) for steering in (-1.0, 0.0, 1.0))
 """The six discrete actions as fractions of the speed and steering limits (paper: {-0.6, 0.6} x {-0.6, 0, 0.6})."""
@@ -178,7 +181,7 @@ class ObservationSpec:
         return Command(speed * self.max_speed_mps, steering * self.max_steering_rad)
 
 
-def observation_spec(task: TaskConfig, region: SafetyRegion, raw: bool = False) -> ObservationSpec:
+def observation_spec(task: TaskConfig, region: "SafetyRegion", raw: bool = False) -> ObservationSpec:
     """Return what a task observes with the bearings of a region."""
     return ObservationSpec(
         n_rays=len(region.range_m),

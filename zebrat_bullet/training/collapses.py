@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.config import TaskConfig, from_json, within
+from zebrat_bullet.config import TaskConfig, within
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import EpisodeRecord
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.agents import Agent
-from zebrat_bullet.config import TaskConfig, from_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record

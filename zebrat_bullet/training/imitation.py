@@ -14,7 +14,8 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
-from zebrat_bullet.config import MOST_SEED, TaskConfig, from_json, read_config, to_json, within
+from zebrat_bullet.config import MOST_SEED, TaskConfig, within
+from zebrat_bullet.config_text import from_json, read_config, to_json
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.judge import record_path

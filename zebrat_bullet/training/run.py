@@ -15,7 +15,8 @@ import torch
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from zebrat_bullet.config import TaskConfig, read_config, to_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import read_config, to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError

@@ -7,7 +7,8 @@ from itertools import chain, count, product
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.config import MOST_SEED, from_json, read_config, to_json, with_overrides, within
+from zebrat_bullet.config import MOST_SEED, within
+from zebrat_bullet.config_text import from_json, read_config, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_yaml, refusing, shown
 from zebrat_bullet.robot import load_robot, named_robot

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Thread
 
-from zebrat_bullet.config import from_json, to_json
+from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.settings import TrainConfig
