@@ -219,14 +219,17 @@ class PlanarDrive:
         self._noise_base[cars] = rng.integers(2**31, size=len(cars), dtype=np.int32) - self._n_steps
         host = (worlds, poses.astype(np.float32), dynamics.astype(np.float32))
         sim.place(cars, *(like(values, sim.pose) for values in host))
-        least, most = self._margin_m
-        margins = rng.uniform(least, most, size=len(cars)) if least < most else np.full(len(cars), least)
-        sim.margin[cars] = like(margins.astype(np.float32), sim.pose)
+        sim.margin[cars] = like(self._draw_margins(len(cars)), sim.pose)
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
         gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
         self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
+
+    def _draw_margins(self, n: int) -> NDArray[np.float32]:
+        least, most = self._margin_m
+        drawn = self._rng.uniform(least, most, size=n) if least < most else np.full(n, least)
+        return drawn.astype(np.float32)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges
@@ -267,7 +270,7 @@ class PlanarDrive:
 
 
 def _range_of(margin_m: float | Range) -> Range:
-    least, most = margin_m if isinstance(margin_m, tuple) else (margin_m, margin_m)
+    least, most = (margin_m, margin_m) if isinstance(margin_m, (int, float)) else margin_m
     if not 0.0 <= least <= most < NEAR_M:
         raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
     return least, most
