@@ -1,0 +1,130 @@
+"""Turns what comes from the page, a drawing or the text of a world file, into a checked world; says what is wrong."""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zebrat_bullet.assets import find_asset, list_assets
+from zebrat_bullet.errors import AssetError, WorldError, ZebratError
+from zebrat_bullet.files import parse_yaml, read_text
+from zebrat_bullet.play.drawing import drawing_of, lay, on_page, parse_drawing, plain
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.types import Pose2
+from zebrat_bullet.world import World, load_world, require_winnable
+from zebrat_bullet.world.schema import WorldSpec, parse_spec, write_spec
+
+MOST_ITEMS = 400
+"""Segments, obstacles, niches and corners of an opened file: what is checked while the page waits."""
+_LONGEST_M = 200.0
+
+# What the checks of any world file say, in the words of who has drawn one; the rest is shown as it stands.
+_IN_PLAIN_WORDS = (
+    (r"runs into its own", "The passage runs into itself here: lead it around"),
+    (r"too thin to build|walls would cross", "The walls cross here: move the corners apart"),
+    (r"open_line: open space", "The car would take this place for open space: make the passage narrower"),
+    (
+        r"open_line: within",
+        "Out here a wall still stands close by, and no car would know that it is out: end elsewhere",
+    ),
+    (r"open_line: a wall", "A wall stands right behind the exit: end the passage elsewhere"),
+    (r"start: at", "The car has no room to begin here: make the first leg longer or wider"),
+    (r"width: somewhere", "Somewhere the passage is narrower than the car: widen it"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Why a track cannot be driven: in plain words, where on the page if it has a place, and as the checks put it."""
+
+    text: str
+    at: tuple[float, float] | None = None
+    details: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """What was drawn or opened.
+
+    Attributes:
+        drawing: as plain data; None of a world file that holds more than a drawing can.
+        world: checked; None where there is a problem.
+        text: its world file; empty where none could be written.
+        origin: where on the page the world's origin is.
+    """
+
+    drawing: dict[str, Any] | None = None
+    world: World | None = None
+    text: str = ""
+    origin: Pose2 = field(default_factory=lambda: Pose2(0.0, 0.0, 0.0))
+    problem: Problem | None = None
+
+
+def drawn(data: object, robot: RobotModel, folder: Path) -> Track:
+    """Check a drawing; its world file is written to the folder.
+
+    Raises:
+        WorldError: it is no drawing at all.
+    """
+    drawing = parse_drawing(data)
+    try:
+        spec, origin = lay(drawing, robot)
+    except WorldError as error:
+        return Track(drawing=plain(drawing), problem=Problem(text=str(error), at=error.at))
+    path = write_spec(spec, folder)
+    return _loaded(path, path.read_text(), robot, plain(drawing), origin)
+
+
+def opened(text: str, robot: RobotModel, folder: Path) -> Track:
+    """Check the text of a world file, or of a shipped one that it names.
+
+    Raises:
+        WorldError: it is no world file, one that names other files, or one too large to check while a page waits.
+    """
+    if text in list_assets("worlds", ".yaml"):
+        text = read_text(find_asset("worlds", text, ".yaml"), AssetError)
+    spec = _spec_of(text)
+    drawing = drawing_of(spec)
+    path = folder / "opened.yaml"
+    path.write_text(text)
+    return _loaded(path, text, robot, None if drawing is None else plain(drawing), Pose2(0.0, 0.0, 0.0))
+
+
+def _spec_of(text: str) -> WorldSpec:
+    data = parse_yaml(text, "this file", WorldError)
+    if not isinstance(data, dict):
+        raise WorldError("this file is no world file: `key: value` lines are needed, of which the first is `name:`")
+    beside = [key for key in ("mesh", "map", "image") if key in data]
+    if beside:
+        raise WorldError(
+            f"this file names another one (`{beside[0]}:`), which the page cannot send: "
+            "drive such a world with `zebrat teleop --world FILE` or `zebrat evaluate --worlds FILE`"
+        )
+    spec = parse_spec(data, "this file")
+    rings = [
+        *(spec.free_space or []),
+        *(getattr(item, "polygon", ()) for item in spec.obstacles),
+        spec.centre_line or (),
+    ]
+    items = sum(map(len, rings)) + len(spec.segments or ()) + len(spec.obstacles) + len(spec.niches)
+    reach = max((abs(value) for ring in rings for point in ring for value in point), default=0.0)
+    length = sum(getattr(s, "straight", 0.0) + getattr(s, "radius", 0.0) * 5.0 for s in spec.segments or ())
+    if items > MOST_ITEMS or max(reach, length) > _LONGEST_M:
+        raise WorldError(
+            f"this file is too large for the page ({items} corners and segments, at most {MOST_ITEMS}; at most "
+            f"{_LONGEST_M:.0f} m): drive it with `zebrat evaluate --worlds FILE`"
+        )
+    return spec
+
+
+def _loaded(path: Path, text: str, robot: RobotModel, drawing: dict[str, Any] | None, origin: Pose2) -> Track:
+    try:
+        world = load_world(path, robot=robot)
+        require_winnable(world)
+    except ZebratError as error:
+        details = str(error).replace(f"{path}: ", "")
+        plainly = next((words for pattern, words in _IN_PLAIN_WORDS if re.search(pattern, details)), details)
+        at = getattr(error, "at", None)
+        problem = Problem(text=plainly, at=None if at is None else on_page(at, origin), details=details)
+        return Track(drawing=drawing, text=text, origin=origin, problem=problem)
+    return Track(drawing=drawing, world=world, text=text, origin=origin)

@@ -1,0 +1,534 @@
+"use strict";
+// The page: what is drawn goes to the server, what the server knows of it and where its cars are is shown.
+
+const EXAMPLES = {
+  "Right angle": { points: [[-3, -2], [2, -2], [2, 2.6]], widths: [1.4, 1.4], radii: [0] },
+  "S-bend": { points: [[-4, -1.2], [-1.2, -1.2], [1.2, 1.2], [4, 1.2]], widths: [1.3, 1.3, 1.3], radii: [2, 2] },
+  "Zigzag": { points: [[-5, 0], [-2.4, 0], [-0.8, 1.9], [0.8, 0], [2.4, 1.9], [5, 1.9]], widths: [1.4, 1.4, 1.4, 1.4, 1.4], radii: [0.8, 0.8, 0.8, 0.8] },
+  "U-turn": { points: [[-2.5, -1], [1.5, -1], [1.5, 1], [-4.5, 1]], widths: [1.4, 1.4, 1.4], radii: [1, 1] },
+  "Bottleneck": { points: [[-5, 0], [-1.5, 0], [0.5, 0], [4, 0]], widths: [1.6, 0.8, 1.6], radii: [0, 0] },
+  "So tight that it takes backing up": { points: [[-2.5, -0.6], [1.5, -0.6], [1.5, 0.6], [-4.5, 0.6]], widths: [1.1, 1.1, 1.1], radii: [0, 0] },
+  "No way out": { points: [[-3, -2], [2, -2], [2, 2]], widths: [0.7, 0.7], radii: [0] },
+};
+const CODES = {
+  ArrowUp: "forward", KeyW: "forward", ArrowDown: "reverse", KeyS: "reverse",
+  ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", Space: "stop",
+};
+const END = {
+  success: "out in the open", collision: "hit a wall", false_exit: "open space, but not the exit",
+  timeout: "out of time", stall: "stood still for too long",
+};
+const COLOURS = ["#e8eaed", "#f2994a"];
+const POST_MS = 100, MOST_FILE_BYTES = 90000;
+
+const byId = (id) => document.getElementById(id);
+const held = new Set();                      // codes of keys and names of pad buttons that are down
+let options = null, seat = null, drives = false, lost = false;
+let track = null, fetching = false;          // the newest that the server knows
+let unsaved = 0;                             // drawings on their way to the server
+let view = null, lanes = [], racing = -1;    // per car: the two newest views, when the newest came, and its trail
+let chosen = false;                          // whether the person has chosen a driver
+
+const canvas = byId("view"), pen = canvas.getContext("2d");
+const editor = new Editor(canvas, {
+  may: () => drives,
+  fit: async (stroke) => {
+    const answer = await post("/fit", { stroke: thinned(stroke), width: editor.width });
+    if (answer?.problem) complain(answer.problem);
+    return answer?.drawing ?? null;
+  },
+  changed: (drawing) => send(drawing),
+  selected: () => report(),
+});
+
+// --- to the server ---
+async function post(path, body = {}) {
+  if (!seat) return null;
+  try {
+    const answer = await fetch(path, { method: "POST", body: JSON.stringify({ seat, ...body }), keepalive: path === "/keys" });
+    if (answer.ok) return await answer.json();
+    if (path !== "/keys") complain({ text: answer.status === 409 ? "Another tab draws; you watch" : await answer.text() });
+  } catch { /* the stream says when the connection is lost */ }
+  return null;
+}
+function thinned(stroke) {
+  const every = Math.ceil(stroke.length / 2000);
+  return stroke.filter((_, i) => i % every === 0 || i === stroke.length - 1).map(([x, y]) => [Number(x.toFixed(3)), Number(y.toFixed(3))]);
+}
+async function send(drawing) {
+  history.replaceState(null, "", drawing ? toHash(drawing) : location.pathname);
+  complaint = null;
+  unsaved += 1;
+  const answer = await post(drawing ? "/draw" : "/clear", drawing ? { drawing } : {});
+  unsaved -= 1;
+  if (answer) take(answer);
+  report();
+}
+async function open(text) {
+  complaint = null;
+  const answer = await post("/open", { text });
+  if (!answer) return;
+  editor.past.push(JSON.stringify(editor.drawing));
+  editor.put(answer.drawing);
+  history.replaceState(null, "", answer.drawing ? toHash(answer.drawing) : location.pathname);
+  take(answer);
+  editor.show(extent());
+  report();
+}
+function example(name) {
+  editor.commit(structuredClone(EXAMPLES[name]), true);
+  editor.show(extent());
+}
+
+let complaint = null;  // what a request was refused for
+function complain(problem) { complaint = problem; report(); }
+
+function take(answer) {
+  if (track && answer.version < track.version) return;
+  track = answer;
+  adviseDriver();
+}
+async function refresh() {
+  if (fetching) return;
+  fetching = true;
+  try {
+    const answer = await (await fetch("/track")).json(), other = !track || answer.number !== track.number;
+    if (!unsaved) {
+      if (other && (!drives || !track)) {  // drawn by another tab, or before this one was loaded
+        editor.put(answer.drawing);
+        take(answer);
+        if (answer.world) editor.show(extent());
+      } else take(answer);
+    }
+  } catch { /* told by the stream */ }
+  fetching = false;
+  report();
+}
+function listen() {
+  const events = new EventSource("/views");
+  events.onmessage = async (message) => {
+    const event = JSON.parse(message.data), first = seat === null;
+    [seat, drives, lost] = [event.seat, event.drives, false];
+    see(event.view);
+    if (first && drives && location.hash) await fromLink();
+    else if (!track || event.view.version > track.version) refresh();
+    report();
+  };
+  events.onerror = () => { seat = null; lost = true; report(); };
+}
+async function fromLink() {
+  let drawing = null;
+  try { drawing = fromHash(location.hash); } catch { /* told below */ }
+  if (!drawing) return complain({ text: "The link holds no drawing" });
+  if (JSON.stringify(drawing) === JSON.stringify(editor.drawing)) return;
+  const answer = await post("/draw", { drawing });
+  if (!answer) return;
+  editor.put(answer.drawing);
+  take(answer);
+  editor.show(extent());
+}
+function see(now) {
+  view = now;
+  if (now.race !== racing || now.lanes.length !== lanes.length) {
+    racing = now.race;
+    lanes = now.lanes.map(() => ({ last: null, now: null, at: 0, trail: [] }));
+  }
+  now.lanes.forEach((lane, i) => {
+    const seen = lanes[i];
+    if (!lane.view || (seen.now && seen.now.time_s === lane.view.time_s)) return;
+    seen.last = seen.now ?? lane.view;
+    seen.now = lane.view;
+    seen.at = performance.now();
+    seen.trail.push(lane.view.pose);
+  });
+}
+
+// --- keys and pad ---
+const manned = () => Boolean(view?.lanes.some((lane) => lane.agent === options.person && ["building", "ready", "driving"].includes(lane.phase)));
+function postKeys() {
+  if (!drives || !manned()) return;
+  const keys = [...new Set([...held].map((code) => CODES[code] ?? code))];
+  for (const button of document.querySelectorAll("#pad button")) button.classList.toggle("down", keys.includes(button.dataset.key));
+  post("/keys", { keys, restart: false });
+}
+function letGo() { held.clear(); postKeys(); }
+addEventListener("keydown", (event) => {
+  if (event.code === "KeyZ" && (event.ctrlKey || event.metaKey)) { event.preventDefault(); editor.undo(); return; }
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.code === "Delete") editor.remove();
+  if (!(event.code in CODES) || !manned()) return;
+  event.preventDefault();
+  if (!held.has(event.code)) { held.add(event.code); postKeys(); }
+});
+addEventListener("keyup", (event) => { if (held.delete(event.code)) postKeys(); });
+addEventListener("blur", letGo);
+document.addEventListener("visibilitychange", () => { if (document.hidden) letGo(); });
+setInterval(() => { if (document.hasFocus() || held.size) postKeys(); }, POST_MS);
+for (const button of document.querySelectorAll("#pad button")) {
+  button.addEventListener("pointerdown", (event) => { event.preventDefault(); button.setPointerCapture(event.pointerId); held.add(button.dataset.key); postKeys(); });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(end, () => { if (held.delete(button.dataset.key)) postKeys(); });
+  button.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+// --- the panel ---
+byId("tool-free").onclick = () => tool("free");
+byId("tool-corner").onclick = () => tool("corner");
+function tool(name) {
+  editor.tool = name;
+  editor.pending = null;
+  byId("tool-free").classList.toggle("on", name === "free");
+  byId("tool-corner").classList.toggle("on", name === "corner");
+  report();
+}
+byId("snap").onchange = () => { editor.snap = byId("snap").checked; };
+byId("undo").onclick = () => editor.undo();
+byId("clear").onclick = () => { editor.pending = null; editor.select(null); editor.commit(null); editor.home(); };
+byId("remove").onclick = () => editor.remove();
+byId("first-example").onclick = () => example(Object.keys(EXAMPLES)[0]);
+byId("examples").onchange = (event) => {
+  const [kind, name] = event.target.value.split(":");
+  event.target.value = "";
+  if (kind === "drawing") example(name); else if (kind === "world") open(name);
+};
+for (const [id, field] of [["width", "widths"], ["radius", "radii"]]) {
+  byId(id).oninput = () => { byId(`${id}-m`).textContent = metres(id, Number(byId(id).value)); };
+  byId(id).onchange = () => { if (drives) editor.set(field, Number(byId(id).value)); };
+}
+byId("cancel").onclick = () => post("/cancel");
+byId("driver").onchange = () => { chosen = true; report(); };
+byId("beside").onchange = () => report();
+byId("drive").onclick = () => {
+  byId("drive").blur();
+  complaint = null;
+  const agents = [byId("driver").value, byId("beside").value].filter(Boolean);
+  post("/drive", { agents, pace: Number(byId("pace").value) });
+};
+byId("stop").onclick = () => post("/stop");
+byId("zoom-in").onclick = () => editor.zoom(1.3);
+byId("zoom-out").onclick = () => editor.zoom(1 / 1.3);
+byId("zoom-fit").onclick = () => editor.show(extent());
+byId("download").onclick = () => {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([track.text], { type: "application/yaml" }));
+  link.download = `${(track.world?.name ?? "my_track").replace(/[^\w.-]/g, "_")}.yaml`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  byId("shared").textContent = `zebrat evaluate --agent shipped --worlds ${link.download}`;
+};
+byId("link").onclick = async () => {
+  const link = location.origin + "/" + toHash(editor.drawing);
+  try { await navigator.clipboard.writeText(link); byId("shared").textContent = "Copied: it opens wherever zebrat play runs"; }
+  catch { byId("shared").textContent = link; }
+};
+byId("open").onclick = () => byId("file").click();
+byId("file").onchange = () => { read(byId("file").files[0]); byId("file").value = ""; };
+addEventListener("dragover", (event) => event.preventDefault());
+addEventListener("drop", (event) => { event.preventDefault(); read(event.dataTransfer.files[0]); });
+async function read(file) {
+  if (!file) return;
+  if (file.size > MOST_FILE_BYTES) return complain({ text: `${file.name} holds ${Math.round(file.size / 1000)} kB: a world file for this page holds at most ${MOST_FILE_BYTES / 1000} kB` });
+  open(await file.text());
+}
+
+function metres(id, value) { return id === "radius" && value === 0 ? "sharp" : `${value.toFixed(id === "width" ? 2 : 1)} m`; }
+function say(id, text, kind = "") { if (byId(id).textContent !== text) byId(id).textContent = text; byId(id).className = kind; }
+
+// Where reversing is needed, the driver that has learned it is proposed; unless the person has chosen.
+function adviseDriver() {
+  if (chosen || track.finding?.state !== "drivable" || !options.drivers.some((driver) => driver.name === "allround")) return;
+  byId("driver").value = track.finding.n_reversals > 0 ? "allround" : options.first;
+}
+
+function report() {
+  if (!options) return;
+  const { drawing, selection } = editor, problem = complaint ?? track?.problem ?? null;
+  const world = unsaved ? null : track?.world ?? null, finding = track?.finding;
+  byId("hint").hidden = Boolean(drawing || editor.pending || editor.stroke || world || problem) || !drives;
+  if (lost) say("check", "Connection lost; is zebrat play still running?", "bad");
+  else if (!drives && seat) say("check", "Another tab draws; you watch.", "unsure");
+  else if (problem) say("check", problem.text, "bad");
+  else if (editor.pending) say("check", "Tap where the next corner is.");
+  else if (unsaved || fetching) say("check", "Checking…");
+  else if (world) say("check", "✔ A passage that the car fits into.", "good");
+  else say("check", "Nothing is drawn yet.");
+  byId("check").title = problem?.details ?? "";
+
+  const kinds = { drivable: "good", no_way: "bad", gave_up: "unsure", cancelled: "unsure", searching: "", unasked: "" };
+  const marks = { drivable: "✔ ", no_way: "✖ ", gave_up: "? ", cancelled: "? ", searching: "… ", unasked: "" };
+  if (world && finding && !problem) {
+    const more = finding.state === "drivable" ? `: ${finding.length_m.toFixed(1)} m, in no less than ${finding.least_time_s.toFixed(1)} s, ${(100 * finding.clearance_m).toFixed(1)} cm from the walls.` : "";
+    say("finding", marks[finding.state] + finding.text + more, kinds[finding.state]);
+  } else say("finding", "");
+  byId("cancel").hidden = !(world && finding?.state === "searching") || !drives;
+
+  const running = Boolean(view?.lanes.some((lane) => ["building", "ready", "driving"].includes(lane.phase)));
+  byId("drive").disabled = !world || !drives || Boolean(track?.problem);
+  byId("drive").textContent = view?.lanes.length ? "▶ Again" : "▶ Drive";
+  byId("stop").hidden = !running;
+  byId("about").textContent = [byId("driver").value, byId("beside").value]
+    .map((name) => options.drivers.find((driver) => driver.name === name)).filter(Boolean)
+    .map(({ name, text }) => `${name}: ${text}.`).join(" ");
+  byId("pace").hidden = byId("beside").value === options.person;
+  byId("download").disabled = !track?.text || !world;
+  byId("link").disabled = !drawing;
+  byId("remove").hidden = selection?.corner === undefined || !drawing;
+  byId("pad").classList.toggle("shown", manned() && drives);
+
+  const leg = selection?.leg, corner = selection?.corner;
+  byId("width-of").textContent = leg === undefined ? "" : "of one leg";
+  byId("radius-of").textContent = corner === undefined ? "" : "of one corner";
+  if (document.activeElement !== byId("width") && drawing && leg !== undefined) byId("width").value = drawing.widths[leg];
+  if (document.activeElement !== byId("radius") && drawing && corner > 0 && corner <= drawing.radii.length) byId("radius").value = drawing.radii[corner - 1];
+  for (const id of ["width", "radius"]) byId(`${id}-m`).textContent = metres(id, Number(byId(id).value));
+  const step = running || view?.lanes.length ? 2 : world ? 2 : drawing ? 1 : 0;
+  document.querySelectorAll("h2").forEach((h, i) => h.classList.toggle("now", i === step));
+  reportLanes();
+}
+
+function told(lane) {
+  if (lane.phase === "building") return ["gets ready", ""];
+  if (lane.phase === "ready") return [manned() ? "waits for the first key" : "gets ready", ""];
+  if (lane.phase === "driving") return [`${lane.time_s.toFixed(1)} s`, ""];
+  if (lane.phase === "stopped") return ["stopped", "unsure"];
+  if (lane.phase === "failed") return [lane.text, "bad"];
+  return [`${END[lane.outcome] ?? lane.outcome} after ${lane.time_s.toFixed(1)} s`, lane.outcome === "success" ? "good" : "bad"];
+}
+function reportLanes() {
+  const list = byId("lanes"), shown = view?.lanes ?? [];
+  while (list.children.length > shown.length) list.lastChild.remove();
+  while (list.children.length < shown.length) {
+    const row = list.appendChild(document.createElement("li"));
+    row.append(document.createElement("i"), document.createElement("span"), document.createElement("span"));
+  }
+  shown.forEach((lane, i) => {
+    const [dot, name, state] = list.children[i].children, [text, kind] = told(lane);
+    dot.style.background = COLOURS[i];
+    name.textContent = lane.agent;
+    [state.textContent, state.className] = [text, kind];
+  });
+  let banner = "";
+  if (shown.some((lane) => lane.phase === "ready") && manned()) banner = "Press ↑ (or ▲): both cars start. Steer with ← →";
+  else if (shown.length && shown.every((lane) => lane.phase === "over")) banner = shown.map((lane) => `${lane.agent}: ${told(lane)[0]}`).join(" · ");
+  else if (shown.some((lane) => lane.phase === "building")) banner = "The car is put on the track…";
+  say("banner", banner);
+}
+
+// --- the picture ---
+function worldToPage([x, y]) {
+  const [ox, oy, yaw] = track.origin, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+  return [ox + c * x - s * y, oy + s * x + c * y];
+}
+function extent() {
+  if (editor.drawing) return editor.drawing.points;
+  return track?.world ? track.world.floor.map(worldToPage) : [];
+}
+
+function drawGrid(pixel) {
+  const [x0, y0] = editor.metres([0, canvas.clientHeight]), [x1, y1] = editor.metres([canvas.clientWidth, 0]);
+  const step = editor.snap && editor.view.scale > 20 ? GRID_M : editor.view.scale > 14 ? 1 : 5;
+  pen.strokeStyle = "#1f252d";
+  pen.lineWidth = pixel;
+  pen.beginPath();
+  for (let x = Math.ceil(x0 / step) * step; x < x1; x += step) { pen.moveTo(x, y0); pen.lineTo(x, y1); }
+  for (let y = Math.ceil(y0 / step) * step; y < y1; y += step) { pen.moveTo(x0, y); pen.lineTo(x1, y); }
+  pen.stroke();
+}
+function drawPlan(drawing, colour) {  // as wide as it is drawn, before the server has made walls of it
+  pen.strokeStyle = colour;
+  pen.lineJoin = pen.lineCap = "round";
+  drawing.widths.forEach((width, i) => {
+    pen.lineWidth = width;
+    pen.beginPath();
+    trace(pen, [drawing.points[i], drawing.points[i + 1]]);
+    pen.stroke();
+  });
+}
+function drawWorld(pixel) {
+  const { world, finding } = track;
+  pen.save();
+  toFrame(pen, track.origin);
+  pen.fillStyle = "#262d37";
+  pen.beginPath();
+  trace(pen, world.floor, true);
+  pen.fill();
+  drawWalls(pen, world.walls, "#7d889a");
+  if (world.open_line) {
+    pen.strokeStyle = "#6fd08c";
+    pen.lineWidth = 3 * pixel;
+    pen.setLineDash([0.12, 0.12]);
+    pen.beginPath();
+    trace(pen, world.open_line);
+    pen.stroke();
+  }
+  if (world.goal) {
+    pen.fillStyle = "#6fd08c";
+    pen.beginPath();
+    pen.arc(...world.goal[0], 0.15, 0, 2 * Math.PI);
+    pen.fill();
+  }
+  if (finding?.path.length) {
+    pen.strokeStyle = "#3d7effaa";
+    pen.lineWidth = 1.5 * pixel;
+    pen.setLineDash([0.15, 0.1]);
+    pen.beginPath();
+    trace(pen, finding.path);
+    pen.stroke();
+  }
+  pen.setLineDash([]);
+  pen.restore();
+}
+function drawGhost(pose, pixel) {  // where the car will begin
+  const [length, width] = options.car_m;
+  pen.save();
+  toFrame(pen, pose);
+  pen.strokeStyle = "#e8eaed";
+  pen.lineWidth = 2 * pixel;
+  pen.strokeRect(-length / 2, -width / 2, length, width);
+  pen.beginPath();
+  trace(pen, [[length * 0.15, -width / 4], [length * 0.38, 0], [length * 0.15, width / 4]]);
+  pen.stroke();
+  pen.restore();
+}
+function drawHandles(drawing, pixel) {
+  const { leg, corner } = editor.selection ?? {};
+  pen.strokeStyle = "#9aa4b277";
+  pen.lineWidth = pixel;
+  pen.beginPath();
+  trace(pen, drawing.points);
+  pen.stroke();
+  if (leg !== undefined) {
+    pen.strokeStyle = "#3d7eff";
+    pen.lineWidth = 3 * pixel;
+    pen.beginPath();
+    trace(pen, [drawing.points[leg], drawing.points[leg + 1]]);
+    pen.stroke();
+  }
+  drawing.points.forEach(([x, y], i) => {
+    const end = i === drawing.points.length - 1;
+    pen.fillStyle = i === corner ? "#3d7eff" : end ? "#6fd08c" : "#b8c1cd";
+    pen.beginPath();
+    pen.arc(x, y, (end ? 7 : 5) * pixel, 0, 2 * Math.PI);
+    pen.fill();
+  });
+}
+function drawLanes(pixel) {
+  pen.save();
+  toFrame(pen, track.origin);
+  const shown = view.lanes.map((lane, i) => {
+    const seen = lanes[i];
+    if (!seen?.now) return null;
+    const step = lane.car.step_s / view.pace;
+    return smoothed(seen.last, seen.now, (performance.now() - seen.at) / (1000 * step));
+  });
+  for (const i of [1, 0]) {
+    if (!shown[i]) continue;
+    pen.strokeStyle = `${COLOURS[i]}55`;
+    pen.lineWidth = 2 * pixel;
+    pen.beginPath();
+    trace(pen, lanes[i].trail);
+    pen.stroke();
+  }
+  if (shown[0]) drawScan(pen, view.lanes[0].car, lanes[0].now, pixel);
+  for (const i of [1, 0]) if (shown[i]) drawCar(pen, view.lanes[i].car, shown[i], lanes[i].now.steering_rad, pixel, COLOURS[i]);
+  pen.restore();
+  return shown;
+}
+// Texts stand upright, so in pixels.
+function write(text, at, colour, above = 0) {
+  const ratio = devicePixelRatio || 1, [x, y] = editor.pixels(at);
+  pen.save();
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.font = "600 13px system-ui, sans-serif";
+  const width = pen.measureText(text).width + 12;
+  const left = Math.max(2, Math.min(canvas.clientWidth - width - 2, x - width / 2)), top = Math.max(2, y - above - 22);
+  pen.fillStyle = "#14171cdd";
+  pen.beginPath();
+  pen.roundRect(left, top, width, 20, 5);
+  pen.fill();
+  pen.fillStyle = colour;
+  pen.fillText(text, left + 6, top + 14);
+  pen.restore();
+}
+function drawProblem(problem, pixel) {
+  pen.strokeStyle = "#ff7b72";
+  pen.lineWidth = 3 * pixel;
+  pen.beginPath();
+  pen.arc(...problem.at, 0.35, 0, 2 * Math.PI);
+  pen.stroke();
+  write(problem.text.length > 44 ? `${problem.text.split(/[:;,]/)[0]}` : problem.text, problem.at, "#ff7b72", 0.35 / pixel + 4);
+}
+
+function paint() {
+  requestAnimationFrame(paint);
+  const ratio = devicePixelRatio || 1, [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+  if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+  const { x, y, scale } = editor.view, pixel = 1 / scale;
+  pen.setTransform(1, 0, 0, 1, 0, 0);
+  pen.clearRect(0, 0, w, h);
+  pen.setTransform(ratio * scale, 0, 0, -ratio * scale, w / 2 - ratio * scale * x, h / 2 + ratio * scale * y);
+  if (!options) return;
+  drawGrid(pixel);
+  const drawing = editor.moving ?? editor.drawing, problem = complaint ?? (unsaved ? null : track?.problem);
+  const world = track?.world && !unsaved && !editor.moving && !(editor.stroke && editor.dragged && !editor.extends) ? track.world : null;
+  if (world) drawWorld(pixel);
+  else if (drawing && !(editor.stroke && editor.dragged && !editor.extends)) drawPlan(drawing, problem ? "#4a2a2e" : "#262d37");
+  const racers = world && view?.lanes.length ? drawLanes(pixel) : [];
+  const busy = racers.some(Boolean) && view.lanes.some((lane) => ["ready", "driving"].includes(lane.phase));
+  if (drawing && !busy && !(editor.stroke && editor.dragged && !editor.extends)) {
+    if (!racers.some(Boolean)) {
+      const [[ax, ay], [bx, by]] = drawing.points;
+      drawGhost([ax, ay, Math.atan2(by - ay, bx - ax)], pixel);
+    }
+    if (drives) drawHandles(drawing, pixel);
+    const end = drawing.points.at(-1);
+    write("exit", end, "#6fd08c", 10);
+  } else if (world && !racers.some(Boolean)) {
+    const [sx, sy, yaw] = world.start;
+    drawGhost([...worldToPage([sx, sy]), yaw + track.origin[2]], pixel);
+  }
+  if (editor.stroke && editor.dragged) {
+    if (editor.tool === "free") {
+      pen.strokeStyle = "#262d37";
+      pen.lineWidth = editor.width;
+      pen.lineJoin = pen.lineCap = "round";
+      pen.beginPath();
+      trace(pen, editor.stroke);
+      pen.stroke();
+      pen.strokeStyle = "#3d7eff";
+      pen.lineWidth = 2.5 * pixel;
+      pen.stroke();
+    }
+  }
+  if (editor.pending) {
+    pen.fillStyle = "#3d7eff";
+    pen.beginPath();
+    pen.arc(...editor.pending, 6 * pixel, 0, 2 * Math.PI);
+    pen.fill();
+  }
+  if (problem?.at && !editor.moving && !(editor.stroke && editor.dragged)) drawProblem(problem, pixel);
+  racers.forEach((pose, i) => { if (pose) write(view.lanes[i].agent, worldToPage(pose), COLOURS[i], 0.5 * scale + (i ? 26 : 4)); });
+}
+
+fetch("/options").then((answer) => answer.json()).then((json) => {
+  options = json;
+  const add = (id, value, text, group) => {
+    const option = document.createElement("option");
+    [option.value, option.textContent] = [value, text];
+    (group ?? byId(id)).append(option);
+  };
+  for (const { name } of options.drivers) add("driver", name, name);
+  byId("driver").value = options.first;
+  add("beside", "", "nobody");
+  add("beside", options.person, "you (arrow keys or pad)");
+  for (const { name } of options.drivers) add("beside", name, name);
+  for (const pace of options.paces) add("pace", pace, `${pace}× speed`);
+  for (const name of Object.keys(EXAMPLES)) add("examples", `drawing:${name}`, name);
+  const worlds = document.createElement("optgroup");
+  worlds.label = "Shipped worlds";
+  for (const name of options.worlds) add("", `world:${name}`, name, worlds);
+  byId("examples").append(worlds);
+  editor.home();
+  report();
+  listen();
+  paint();
+});
