@@ -245,7 +245,8 @@ function report() {
   const world = unsaved ? null : track?.world ?? null, finding = track?.finding;
   byId("hint").hidden = Boolean(drawing || editor.pending || editor.stroke || world || problem) || !drives;
   if (lost) say("check", "Connection lost; is zebrat play still running?", "bad");
-  else if (!drives && seat) say("check", "Another tab draws; you watch.", "unsure");
+  else if (!seat) say("check", "Connecting…");
+  else if (!drives) say("check", "Another tab draws; you watch.", "unsure");
   else if (problem) say("check", problem.text, "bad");
   else if (editor.pending) say("check", "Tap where the next corner is.");
   else if (unsaved || fetching) say("check", "Checking…");
@@ -308,7 +309,7 @@ function reportLanes() {
   });
   let banner = "";
   if (shown.some((lane) => lane.phase === "ready") && manned()) banner = "Press ↑ (or ▲): both cars start. Steer with ← →";
-  else if (shown.length && shown.every((lane) => lane.phase === "over")) banner = shown.map((lane) => `${lane.agent}: ${told(lane)[0]}`).join(" · ");
+  else if (shown.length && shown.every((lane) => lane.phase === "over")) banner = shown.map((lane) => `${lane.agent}: ${told(lane)[0]}`).join("\n");
   else if (shown.some((lane) => lane.phase === "building")) banner = "The car is put on the track…";
   say("banner", banner);
 }
@@ -434,13 +435,13 @@ function drawLanes(pixel) {
   return shown;
 }
 // Texts stand upright, so in pixels.
-function write(text, at, colour, above = 0) {
+function write(text, at, colour, above = 0) {  // below `at` where `above` is negative
   const ratio = devicePixelRatio || 1, [x, y] = editor.pixels(at);
   pen.save();
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.font = "600 13px system-ui, sans-serif";
   const width = pen.measureText(text).width + 12;
-  const left = Math.max(2, Math.min(canvas.clientWidth - width - 2, x - width / 2)), top = Math.max(2, y - above - 22);
+  const left = Math.max(2, Math.min(canvas.clientWidth - width - 2, x - width / 2)), top = Math.max(2, above < 0 ? y - above : y - above - 22);
   pen.fillStyle = "#14171cdd";
   pen.beginPath();
   pen.roundRect(left, top, width, 20, 5);
@@ -506,7 +507,7 @@ function paint() {
     pen.fill();
   }
   if (problem?.at && !editor.moving && !(editor.stroke && editor.dragged)) drawProblem(problem, pixel);
-  racers.forEach((pose, i) => { if (pose) write(view.lanes[i].agent, worldToPage(pose), COLOURS[i], 0.5 * scale + (i ? 26 : 4)); });
+  racers.forEach((pose, i) => { if (pose) write(view.lanes[i].agent, worldToPage(pose), COLOURS[i], (i ? -1 : 1) * (0.5 * scale + 4)); });
 }
 
 fetch("/options").then((answer) => answer.json()).then((json) => {

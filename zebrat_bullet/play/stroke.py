@@ -36,7 +36,7 @@ def fit_stroke(samples: object, width_m: float, robot: RobotModel) -> Drawing:
         WorldError: it is no stroke, or one too short or too long.
     """
     line = _smoothed(_checked(samples))
-    simple = [shapely.get_coordinates(shapely.LineString(line).simplify(tolerance)) for tolerance in _TOLERANCES_M]
+    simple = [_simplified(line, tolerance) for tolerance in _TOLERANCES_M]
     fits = [_as_drawing(points, width_m) for points in simple if len(points) <= MOST_CORNERS]
     if not fits:
         raise WorldError("The line is too tangled to be a passage: draw it more plainly", at=_first(line))
@@ -75,6 +75,14 @@ def _smoothed(line: NDArray[np.float64]) -> NDArray[np.float64]:
     smooth: NDArray[np.float64] = gaussian_filter1d(even, _SHAKY_M / _SPACING_M, axis=0, mode="nearest")
     smooth[[0, -1]] = even[[0, -1]]
     return smooth
+
+
+def _simplified(line: NDArray[np.float64], tolerance_m: float) -> NDArray[np.float64]:
+    # Where the line crosses itself, keeping its topology would keep nearly all of its points.
+    kept: NDArray[np.float64] = shapely.get_coordinates(
+        shapely.LineString(line).simplify(tolerance_m, preserve_topology=False)
+    )
+    return kept
 
 
 def _as_drawing(points: NDArray[np.float64], width_m: float) -> Drawing:
