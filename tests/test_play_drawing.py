@@ -81,7 +81,7 @@ GOOD = {"points": [(0, 0), (3, 0), (3, 3)], "widths": [1.4, 1.4], "radii": [0]}
         ({"points": [(0, 0), (3, 0), (3, 0.5)]}, "bend here is too tight", (3, 0.25)),
         ({"points": [(0, 0), (90, 0), (90, 90)]}, "180 m long; at most 100 m", None),
         ({"points": [(0, 0), (0.72, 0), (0.72, 3)], "widths": [0.8, 0.8], "radii": [0.7]}, "no room to begin", (0, 0)),
-        ({"widths": [4.5, 4.5], "points": [(0, 0), (9, 0), (9, 9)]}, "take this place for open space", ...),
+        ({"widths": [4.5, 4.5], "points": [(0, 0), (9, 0), (9, 9)]}, "takes the place for open space", ...),
         (
             {"points": [(0, 0), (6, 0), (6, 3), (2, 3), (2, -4)], "widths": [1.4] * 4, "radii": [0] * 3},
             "The passage runs into itself here",
@@ -152,3 +152,9 @@ def test_what_is_no_stroke_is_refused(garbage, says, robot):
 def test_a_file_that_the_page_cannot_take_says_why(text, says, robot, tmp_path: Path):
     with pytest.raises(WorldError, match=says):
         opened(text, robot, tmp_path)
+
+
+def test_an_opened_world_that_reaches_further_than_any_grid_is_refused(robot, tmp_path):
+    far = "name: a\nsegments: [{straight: 9, width: 1.4}]\nobstacles: [{post: [99999, 0], radius: 1}]"
+    track = opened(far, robot, tmp_path)
+    assert track.world is None and "reaches 100000 m from its origin" in track.problem.text

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from zebrat_bullet.assets import find_asset, list_assets
 from zebrat_bullet.errors import AssetError, WorldError, ZebratError
 from zebrat_bullet.files import parse_yaml, read_text
@@ -13,6 +15,7 @@ from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_world, require_winnable
 from zebrat_bullet.world.schema import WorldSpec, parse_spec, write_spec
+from zebrat_bullet.world.track import course_m
 
 MOST_ITEMS = 400
 """Segments, obstacles, niches and corners of an opened file: what is checked while the page waits."""
@@ -22,7 +25,10 @@ _LONGEST_M = 200.0
 _IN_PLAIN_WORDS = (
     (r"runs into its own", "The passage runs into itself here: lead it around"),
     (r"too thin to build|walls would cross", "The walls cross here: move the corners apart"),
-    (r"open_line: open space", "The car would take this place for open space: make the passage narrower"),
+    (
+        r"open_line: open space",
+        "From here the car sees so far aside that it takes the place for open space: make it narrower, or the bend gentler",
+    ),
     (
         r"open_line: within",
         "Out here a wall still stands close by, and no car would know that it is out: end elsewhere",
@@ -101,26 +107,33 @@ def _spec_of(text: str) -> WorldSpec:
             "drive such a world with `zebrat teleop --world FILE` or `zebrat evaluate --worlds FILE`"
         )
     spec = parse_spec(data, "this file")
-    rings = [
-        *(spec.free_space or []),
-        *(getattr(item, "polygon", ()) for item in spec.obstacles),
-        spec.centre_line or (),
-    ]
+    rings = [*(spec.free_space or []), spec.centre_line or (), *(getattr(o, "polygon", ()) for o in spec.obstacles)]
     items = sum(map(len, rings)) + len(spec.segments or ()) + len(spec.obstacles) + len(spec.niches)
-    reach = max((abs(value) for ring in rings for point in ring for value in point), default=0.0)
-    length = sum(getattr(s, "straight", 0.0) + getattr(s, "radius", 0.0) * 5.0 for s in spec.segments or ())
-    if items > MOST_ITEMS or max(reach, length) > _LONGEST_M:
-        raise WorldError(
-            f"this file is too large for the page ({items} corners and segments, at most {MOST_ITEMS}; at most "
-            f"{_LONGEST_M:.0f} m): drive it with `zebrat evaluate --worlds FILE`"
-        )
+    if items > MOST_ITEMS or course_m(spec.segments or ()) > _LONGEST_M:
+        raise WorldError(_too_large(f"{items} corners and segments, or too long"))
     return spec
+
+
+def _check_extent(world: World) -> None:
+    """Refuse what a planner's grid could not hold."""
+    start = world.start.pose
+    reach = np.abs([*world.walls.bounds, *world.waypoints.ravel(), start.x, start.y]).max()
+    if reach > _LONGEST_M:
+        raise WorldError(_too_large(f"it reaches {reach:.0f} m from its origin"))
+
+
+def _too_large(what: str) -> str:
+    return (
+        f"this file is too large for the page ({what}; at most {MOST_ITEMS} items and {_LONGEST_M:.0f} m): "
+        "drive it with `zebrat evaluate --worlds FILE`"
+    )
 
 
 def _loaded(path: Path, text: str, robot: RobotModel, drawing: dict[str, Any] | None, origin: Pose2) -> Track:
     try:
         world = load_world(path, robot=robot)
         require_winnable(world)
+        _check_extent(world)
     except ZebratError as error:
         details = str(error).replace(f"{path}: ", "")
         plainly = next((words for pattern, words in _IN_PLAIN_WORDS if re.search(pattern, details)), details)

@@ -129,7 +129,7 @@ class _Handler(BaseHTTPRequestHandler):
         if most is None or not length.isdecimal() or len(length) > 12 or int(length) > most:
             self.close_connection = True
             known = ", ".join(f"{path} (at most {n:,} bytes)" for path, n in self.server.most_bytes.items())
-            self._reply(400 if most is None or not length.isdecimal() else 413, f"post JSON to {known}")
+            self._reply(400, f"post JSON to {known}")
             return
         try:
             body = parse_json(self.rfile.read(int(length)).decode(), self.path, ConfigError)
