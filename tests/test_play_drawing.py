@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import WorldError
+from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.files import parse_yaml
 from zebrat_bullet.play.check import drawn, opened
 from zebrat_bullet.play.drawing import BEHIND_M, Drawing, drawing_of, lay, on_page, parse_drawing
@@ -69,6 +71,16 @@ def test_the_shipped_worlds_open_as_they_are_and_what_a_drawing_cannot_hold_is_n
     assert buttressed.drawing is None and buttressed.world is not None
 
 
+def test_where_the_car_would_take_the_inside_for_open_space_crossing_the_exit_decides(robot, tmp_path):
+    wide_s = {"points": [(-3, -1), (0.5, -1), (0.5, 1.5), (3, 1.5)], "widths": [1.4] * 3, "radii": [0.8, 0.8]}
+    track = drawn(wide_s, robot, tmp_path)
+    assert "once it crosses the exit" in track.note and track.world.open_line is None
+    assert np.allclose(track.world.gates[-1].mean(axis=0), track.searched.open_line.mean(axis=0), atol=0.01)
+    (record,) = drive_episodes("shipped", TaskConfig(), track.world, seed=0, episodes=[0])
+    assert record.outcome == "success"
+    assert on_page(record.pose[-1][:2], track.origin)[0] == pytest.approx(3.0, abs=0.15)
+
+
 GOOD = {"points": [(0, 0), (3, 0), (3, 3)], "widths": [1.4, 1.4], "radii": [0]}
 
 
@@ -81,7 +93,6 @@ GOOD = {"points": [(0, 0), (3, 0), (3, 3)], "widths": [1.4, 1.4], "radii": [0]}
         ({"points": [(0, 0), (3, 0), (3, 0.5)]}, "bend here is too tight", (3, 0.25)),
         ({"points": [(0, 0), (90, 0), (90, 90)]}, "180 m long; at most 100 m", None),
         ({"points": [(0, 0), (0.72, 0), (0.72, 3)], "widths": [0.8, 0.8], "radii": [0.7]}, "no room to begin", (0, 0)),
-        ({"widths": [4.5, 4.5], "points": [(0, 0), (9, 0), (9, 9)]}, "takes the place for open space", ...),
         (
             {"points": [(0, 0), (6, 0), (6, 3), (2, 3), (2, -4)], "widths": [1.4] * 4, "radii": [0] * 3},
             "The passage runs into itself here",

@@ -1,7 +1,8 @@
 """Turns what comes from the page, a drawing or the text of a world file, into a checked world; says what is wrong."""
 
 import re
-from dataclasses import dataclass, field
+import warnings
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from zebrat_bullet.files import parse_yaml, read_text
 from zebrat_bullet.play.drawing import drawing_of, lay, on_page, parse_drawing, plain
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World, load_world, require_winnable
+from zebrat_bullet.world import World, WorldNote, load_world, require_winnable
+from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.schema import WorldSpec, parse_spec, write_spec
 from zebrat_bullet.world.track import course_m
 
@@ -21,14 +23,15 @@ MOST_ITEMS = 400
 """Segments, obstacles, niches and corners of an opened file: what is checked while the page waits."""
 _LONGEST_M = 200.0
 
+# A drawing with this fault is given a goal, the line of its exit, which then decides.
+_OPEN_SPACE = "open_line: open space"
+_GOAL_DECIDES = "In a bend the car could take the inside for open space, so here it is out once it crosses the exit."
+
 # What the checks of any world file say, in the words of who has drawn one; the rest is shown as it stands.
 _IN_PLAIN_WORDS = (
     (r"runs into its own", "The passage runs into itself here: lead it around"),
     (r"too thin to build|walls would cross", "The walls cross here: move the corners apart"),
-    (
-        r"open_line: open space",
-        "From here the car sees so far aside that it takes the place for open space: make it narrower, or the bend gentler",
-    ),
+    (_OPEN_SPACE, "From here the car sees so far aside that it takes the place for open space: make it narrower"),
     (
         r"open_line: within",
         "Out here a wall still stands close by, and no car would know that it is out: end elsewhere",
@@ -57,6 +60,9 @@ class Track:
         world: checked; None where there is a problem.
         text: its world file; empty where none could be written.
         origin: where on the page the world's origin is.
+        problem: why it cannot be driven.
+        note: what was made of it.
+        searched: what a way out is searched for in: the same walls with an exit, where the world has a goal instead.
     """
 
     drawing: dict[str, Any] | None = None
@@ -64,6 +70,8 @@ class Track:
     text: str = ""
     origin: Pose2 = field(default_factory=lambda: Pose2(0.0, 0.0, 0.0))
     problem: Problem | None = None
+    note: str = ""
+    searched: World | None = None
 
 
 def drawn(data: object, robot: RobotModel, folder: Path) -> Track:
@@ -78,7 +86,15 @@ def drawn(data: object, robot: RobotModel, folder: Path) -> Track:
     except WorldError as error:
         return Track(drawing=plain(drawing), problem=Problem(text=str(error), at=error.at))
     path = write_spec(spec, folder)
-    return _loaded(path, path.read_text(), robot, plain(drawing), origin)
+    track = _loaded(path, path.read_text(), robot, plain(drawing), origin)
+    if track.problem is None or _OPEN_SPACE not in track.problem.details:
+        return track
+    laid = build_world(spec, path)
+    assert laid.open_line is not None
+    left, right = (tuple(end) for end in laid.open_line.round(3).tolist())
+    path = write_spec(spec.model_copy(update={"goal": (left, right)}), folder)
+    again = _loaded(path, path.read_text(), robot, plain(drawing), origin)
+    return again if again.world is None else replace(again, note=_GOAL_DECIDES, searched=laid)
 
 
 def opened(text: str, robot: RobotModel, folder: Path) -> Track:
@@ -131,7 +147,9 @@ def _too_large(what: str) -> str:
 
 def _loaded(path: Path, text: str, robot: RobotModel, drawing: dict[str, Any] | None, origin: Pose2) -> Track:
     try:
-        world = load_world(path, robot=robot)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", WorldNote)  # the page says it
+            world = load_world(path, robot=robot)
         require_winnable(world)
         _check_extent(world)
     except ZebratError as error:
@@ -140,4 +158,4 @@ def _loaded(path: Path, text: str, robot: RobotModel, drawing: dict[str, Any] | 
         at = getattr(error, "at", None)
         problem = Problem(text=plainly, at=None if at is None else on_page(at, origin), details=details)
         return Track(drawing=drawing, text=text, origin=origin, problem=problem)
-    return Track(drawing=drawing, world=world, text=text, origin=origin)
+    return Track(drawing=drawing, world=world, text=text, origin=origin, note=" ".join(world.notes))

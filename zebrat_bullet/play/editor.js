@@ -176,6 +176,8 @@ class Editor {
   put(drawing) {
     this.drawing = drawing;
     this.pending = null;
+    // The next stroke is as wide as what is there, if that is as wide everywhere.
+    if (drawing && drawing.widths.every((width) => width === drawing.widths[0])) this.width = drawing.widths[0];
     if (this.selection && (!drawing || (this.selection.corner ?? this.selection.leg) >= drawing.points.length - ("leg" in this.selection))) this.selection = null;
     this.selected();
   }
@@ -199,9 +201,11 @@ class Editor {
   }
   // The width of the selected leg, or of all; how round the selected corner is, or all are.
   set(field, value) {
-    this[field === "widths" ? "width" : "radius"] = value;
+    const { leg, corner } = this.selection ?? {};
+    if (field === "widths" && leg === undefined) this.width = value;
+    if (field === "radii" && corner === undefined) this.radius = value;
     if (!this.drawing) return;
-    const changed = structuredClone(this.drawing), { leg, corner } = this.selection ?? {};
+    const changed = structuredClone(this.drawing);
     if (field === "widths") changed.widths = changed.widths.map((w, i) => (leg === undefined || leg === i ? value : w));
     else changed.radii = changed.radii.map((r, i) => (corner === undefined || corner === i + 1 ? value : r));
     this.commit(changed);

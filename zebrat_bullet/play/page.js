@@ -250,7 +250,7 @@ function report() {
   else if (problem) say("check", problem.text, "bad");
   else if (editor.pending) say("check", "Tap where the next corner is.");
   else if (unsaved || fetching) say("check", "Checking…");
-  else if (world) say("check", "✔ A passage that the car fits into.", "good");
+  else if (world) say("check", `✔ A passage that the car fits into. ${track.note}`.trim(), "good");
   else say("check", "Nothing is drawn yet.");
   byId("check").title = problem?.details ?? "";
 
@@ -265,11 +265,13 @@ function report() {
   const running = Boolean(view?.lanes.some((lane) => ["building", "ready", "driving"].includes(lane.phase)));
   byId("drive").disabled = !world || !drives || Boolean(track?.problem);
   byId("drive").textContent = view?.lanes.length ? "▶ Again" : "▶ Drive";
-  byId("stop").hidden = !running;
+  byId("drive").hidden = running || (!drawing && !world) || !drives;
+  byId("stop").hidden = !running || !drives;
+  byId("pace").hidden = byId("drive").hidden || byId("beside").value === options.person;
+  byId("how").hidden = !drawing || !drives;
   byId("about").textContent = [byId("driver").value, byId("beside").value]
     .map((name) => options.drivers.find((driver) => driver.name === name)).filter(Boolean)
     .map(({ name, text }) => `${name}: ${text}.`).join(" ");
-  byId("pace").hidden = byId("beside").value === options.person;
   byId("download").disabled = !track?.text || !world;
   byId("link").disabled = !drawing;
   byId("remove").hidden = selection?.corner === undefined || !drawing;
@@ -278,10 +280,11 @@ function report() {
   const leg = selection?.leg, corner = selection?.corner;
   byId("width-of").textContent = leg === undefined ? "" : "of one leg";
   byId("radius-of").textContent = corner === undefined ? "" : "of one corner";
-  if (document.activeElement !== byId("width") && drawing && leg !== undefined) byId("width").value = drawing.widths[leg];
-  if (document.activeElement !== byId("radius") && drawing && corner > 0 && corner <= drawing.radii.length) byId("radius").value = drawing.radii[corner - 1];
+  const one = corner > 0 && corner <= (drawing?.radii.length ?? 0) ? drawing.radii[corner - 1] : editor.radius;
+  if (document.activeElement !== byId("width")) byId("width").value = leg === undefined ? editor.width : drawing.widths[leg];
+  if (document.activeElement !== byId("radius")) byId("radius").value = one;
   for (const id of ["width", "radius"]) byId(`${id}-m`).textContent = metres(id, Number(byId(id).value));
-  const step = running || view?.lanes.length ? 2 : world ? 2 : drawing ? 1 : 0;
+  const step = world ? 2 : drawing ? 1 : 0;
   document.querySelectorAll("h2").forEach((h, i) => h.classList.toggle("now", i === step));
   reportLanes();
 }
@@ -353,18 +356,16 @@ function drawWorld(pixel) {
   trace(pen, world.floor, true);
   pen.fill();
   drawWalls(pen, world.walls, "#7d889a");
-  if (world.open_line) {
-    pen.strokeStyle = "#6fd08c";
+  pen.strokeStyle = pen.fillStyle = "#6fd08c";
+  for (const line of [...(world.open_line ? [world.open_line] : []), ...world.gates]) {  // a point is a gate of no length
     pen.lineWidth = 3 * pixel;
     pen.setLineDash([0.12, 0.12]);
     pen.beginPath();
-    trace(pen, world.open_line);
+    trace(pen, line);
     pen.stroke();
-  }
-  if (world.goal) {
-    pen.fillStyle = "#6fd08c";
+    if (line[0][0] !== line[1][0] || line[0][1] !== line[1][1]) continue;
     pen.beginPath();
-    pen.arc(...world.goal[0], 0.15, 0, 2 * Math.PI);
+    pen.arc(...line[0], 0.15, 0, 2 * Math.PI);
     pen.fill();
   }
   if (finding?.path.length) {

@@ -121,6 +121,7 @@ class Stage:
                     "drawing": track.drawing,
                     "text": track.text,
                     "origin": [origin.x, origin.y, origin.yaw],
+                    "note": track.note,
                     "problem": None if track.problem is None else asdict(track.problem),
                     "world": None if track.world is None else _world(track),
                     "finding": None if self._finding is None else asdict(self._finding),
@@ -143,7 +144,7 @@ class Stage:
         self._version += 1
         if track.world is not None:
             self._finding = Finding(state="searching", text="Searching for a way out")
-            self._search.ask(self._number, track.world)
+            self._search.ask(self._number, track.searched or track.world)
         else:
             self._search.cancel()
         self._show()
@@ -177,6 +178,6 @@ def _world(track: Track) -> dict[str, Any]:
         "walls": walls_of(world),
         "floor": [list(point) for point in world.free_space.exterior.coords],
         "open_line": None if world.open_line is None else world.open_line.tolist(),
-        "goal": None if world.open_line is not None or not len(world.gates) else world.gates[-1].tolist(),
+        "gates": [] if world.open_line is not None else world.gates.tolist(),
         "start": [start.x, start.y, start.yaw],
     }
