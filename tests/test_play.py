@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -42,8 +43,9 @@ def url() -> Iterator[str]:
     process = subprocess.Popen([*COMMAND, "play", "--port", "0"], stderr=subprocess.PIPE, text=True)
     address = next(found.group(1) for line in process.stderr if (found := re.search(r"draw at (\S+)", line)))
     yield address
-    process.terminate()
-    process.communicate(timeout=60)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0 and "Traceback" not in errors
 
 
 @pytest.fixture(scope="module")

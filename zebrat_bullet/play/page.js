@@ -271,7 +271,7 @@ function report() {
   byId("how").hidden = !drawing || !drives;
   byId("about").textContent = [byId("driver").value, byId("beside").value]
     .map((name) => options.drivers.find((driver) => driver.name === name)).filter(Boolean)
-    .map(({ name, text }) => `${name}: ${text}.`).join(" ");
+    .map(({ name, text }) => `${short(name)}: ${text}.`).join(" ");
   byId("download").disabled = !track?.text || !world;
   byId("link").disabled = !drawing;
   byId("remove").hidden = selection?.corner === undefined || !drawing;
@@ -289,6 +289,7 @@ function report() {
   reportLanes();
 }
 
+const short = (agent) => agent.split("/").pop();  // a policy file goes by its name
 function told(lane) {
   if (lane.phase === "building") return ["gets ready", ""];
   if (lane.phase === "ready") return [manned() ? "waits for the first key" : "gets ready", ""];
@@ -307,208 +308,14 @@ function reportLanes() {
   shown.forEach((lane, i) => {
     const [dot, name, state] = list.children[i].children, [text, kind] = told(lane);
     dot.style.background = COLOURS[i];
-    name.textContent = lane.agent;
+    name.textContent = short(lane.agent);
     [state.textContent, state.className] = [text, kind];
   });
   let banner = "";
   if (shown.some((lane) => lane.phase === "ready") && manned()) banner = "Press ↑ (or ▲): both cars start. Steer with ← →";
-  else if (shown.length && shown.every((lane) => lane.phase === "over")) banner = shown.map((lane) => `${lane.agent}: ${told(lane)[0]}`).join("\n");
+  else if (shown.length && shown.every((lane) => lane.phase === "over")) banner = shown.map((lane) => `${short(lane.agent)}: ${told(lane)[0]}`).join("\n");
   else if (shown.some((lane) => lane.phase === "building")) banner = "The car is put on the track…";
   say("banner", banner);
-}
-
-// --- the picture ---
-function worldToPage([x, y]) {
-  const [ox, oy, yaw] = track.origin, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-  return [ox + c * x - s * y, oy + s * x + c * y];
-}
-function extent() {
-  if (editor.drawing) return editor.drawing.points;
-  return track?.world ? track.world.floor.map(worldToPage) : [];
-}
-
-function drawGrid(pixel) {
-  const [x0, y0] = editor.metres([0, canvas.clientHeight]), [x1, y1] = editor.metres([canvas.clientWidth, 0]);
-  const step = editor.snap && editor.view.scale > 20 ? GRID_M : editor.view.scale > 14 ? 1 : 5;
-  pen.strokeStyle = "#1f252d";
-  pen.lineWidth = pixel;
-  pen.beginPath();
-  for (let x = Math.ceil(x0 / step) * step; x < x1; x += step) { pen.moveTo(x, y0); pen.lineTo(x, y1); }
-  for (let y = Math.ceil(y0 / step) * step; y < y1; y += step) { pen.moveTo(x0, y); pen.lineTo(x1, y); }
-  pen.stroke();
-}
-function drawPlan(drawing, colour) {  // as wide as it is drawn, before the server has made walls of it
-  pen.strokeStyle = colour;
-  pen.lineJoin = pen.lineCap = "round";
-  drawing.widths.forEach((width, i) => {
-    pen.lineWidth = width;
-    pen.beginPath();
-    trace(pen, [drawing.points[i], drawing.points[i + 1]]);
-    pen.stroke();
-  });
-}
-function drawWorld(pixel) {
-  const { world, finding } = track;
-  pen.save();
-  toFrame(pen, track.origin);
-  pen.fillStyle = "#262d37";
-  pen.beginPath();
-  trace(pen, world.floor, true);
-  pen.fill();
-  drawWalls(pen, world.walls, "#7d889a");
-  pen.strokeStyle = pen.fillStyle = "#6fd08c";
-  for (const line of [...(world.open_line ? [world.open_line] : []), ...world.gates]) {  // a point is a gate of no length
-    pen.lineWidth = 3 * pixel;
-    pen.setLineDash([0.12, 0.12]);
-    pen.beginPath();
-    trace(pen, line);
-    pen.stroke();
-    if (line[0][0] !== line[1][0] || line[0][1] !== line[1][1]) continue;
-    pen.beginPath();
-    pen.arc(...line[0], 0.15, 0, 2 * Math.PI);
-    pen.fill();
-  }
-  if (finding?.path.length) {
-    pen.strokeStyle = "#3d7effaa";
-    pen.lineWidth = 1.5 * pixel;
-    pen.setLineDash([0.15, 0.1]);
-    pen.beginPath();
-    trace(pen, finding.path);
-    pen.stroke();
-  }
-  pen.setLineDash([]);
-  pen.restore();
-}
-function drawGhost(pose, pixel) {  // where the car will begin
-  const [length, width] = options.car_m;
-  pen.save();
-  toFrame(pen, pose);
-  pen.strokeStyle = "#e8eaed";
-  pen.lineWidth = 2 * pixel;
-  pen.strokeRect(-length / 2, -width / 2, length, width);
-  pen.beginPath();
-  trace(pen, [[length * 0.15, -width / 4], [length * 0.38, 0], [length * 0.15, width / 4]]);
-  pen.stroke();
-  pen.restore();
-}
-function drawHandles(drawing, pixel) {
-  const { leg, corner } = editor.selection ?? {};
-  pen.strokeStyle = "#9aa4b277";
-  pen.lineWidth = pixel;
-  pen.beginPath();
-  trace(pen, drawing.points);
-  pen.stroke();
-  if (leg !== undefined) {
-    pen.strokeStyle = "#3d7eff";
-    pen.lineWidth = 3 * pixel;
-    pen.beginPath();
-    trace(pen, [drawing.points[leg], drawing.points[leg + 1]]);
-    pen.stroke();
-  }
-  drawing.points.forEach(([x, y], i) => {
-    const end = i === drawing.points.length - 1;
-    pen.fillStyle = i === corner ? "#3d7eff" : end ? "#6fd08c" : "#b8c1cd";
-    pen.beginPath();
-    pen.arc(x, y, (end ? 7 : 5) * pixel, 0, 2 * Math.PI);
-    pen.fill();
-  });
-}
-function drawLanes(pixel) {
-  pen.save();
-  toFrame(pen, track.origin);
-  const shown = view.lanes.map((lane, i) => {
-    const seen = lanes[i];
-    if (!seen?.now) return null;
-    const step = lane.car.step_s / view.pace;
-    return smoothed(seen.last, seen.now, (performance.now() - seen.at) / (1000 * step));
-  });
-  for (const i of [1, 0]) {
-    if (!shown[i]) continue;
-    pen.strokeStyle = `${COLOURS[i]}55`;
-    pen.lineWidth = 2 * pixel;
-    pen.beginPath();
-    trace(pen, lanes[i].trail);
-    pen.stroke();
-  }
-  if (shown[0]) drawScan(pen, view.lanes[0].car, lanes[0].now, pixel);
-  for (const i of [1, 0]) if (shown[i]) drawCar(pen, view.lanes[i].car, shown[i], lanes[i].now.steering_rad, pixel, COLOURS[i]);
-  pen.restore();
-  return shown;
-}
-// Texts stand upright, so in pixels.
-function write(text, at, colour, above = 0) {  // below `at` where `above` is negative
-  const ratio = devicePixelRatio || 1, [x, y] = editor.pixels(at);
-  pen.save();
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.font = "600 13px system-ui, sans-serif";
-  const width = pen.measureText(text).width + 12;
-  const left = Math.max(2, Math.min(canvas.clientWidth - width - 2, x - width / 2)), top = Math.max(2, above < 0 ? y - above : y - above - 22);
-  pen.fillStyle = "#14171cdd";
-  pen.beginPath();
-  pen.roundRect(left, top, width, 20, 5);
-  pen.fill();
-  pen.fillStyle = colour;
-  pen.fillText(text, left + 6, top + 14);
-  pen.restore();
-}
-function drawProblem(problem, pixel) {
-  pen.strokeStyle = "#ff7b72";
-  pen.lineWidth = 3 * pixel;
-  pen.beginPath();
-  pen.arc(...problem.at, 0.35, 0, 2 * Math.PI);
-  pen.stroke();
-  write(problem.text.length > 44 ? `${problem.text.split(/[:;,]/)[0]}` : problem.text, problem.at, "#ff7b72", 0.35 / pixel + 4);
-}
-
-function paint() {
-  requestAnimationFrame(paint);
-  const ratio = devicePixelRatio || 1, [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
-  if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  const { x, y, scale } = editor.view, pixel = 1 / scale;
-  pen.setTransform(1, 0, 0, 1, 0, 0);
-  pen.clearRect(0, 0, w, h);
-  pen.setTransform(ratio * scale, 0, 0, -ratio * scale, w / 2 - ratio * scale * x, h / 2 + ratio * scale * y);
-  if (!options) return;
-  drawGrid(pixel);
-  const drawing = editor.moving ?? editor.drawing, problem = complaint ?? (unsaved ? null : track?.problem);
-  const world = track?.world && !unsaved && !editor.moving && !(editor.stroke && editor.dragged && !editor.extends) ? track.world : null;
-  if (world) drawWorld(pixel);
-  else if (drawing && !(editor.stroke && editor.dragged && !editor.extends)) drawPlan(drawing, problem ? "#4a2a2e" : "#262d37");
-  const racers = world && view?.lanes.length ? drawLanes(pixel) : [];
-  const busy = racers.some(Boolean) && view.lanes.some((lane) => ["ready", "driving"].includes(lane.phase));
-  if (drawing && !busy && !(editor.stroke && editor.dragged && !editor.extends)) {
-    if (!racers.some(Boolean)) {
-      const [[ax, ay], [bx, by]] = drawing.points;
-      drawGhost([ax, ay, Math.atan2(by - ay, bx - ax)], pixel);
-    }
-    if (drives) drawHandles(drawing, pixel);
-    const end = drawing.points.at(-1);
-    write("exit", end, "#6fd08c", 10);
-  } else if (world && !racers.some(Boolean)) {
-    const [sx, sy, yaw] = world.start;
-    drawGhost([...worldToPage([sx, sy]), yaw + track.origin[2]], pixel);
-  }
-  if (editor.stroke && editor.dragged) {
-    if (editor.tool === "free") {
-      pen.strokeStyle = "#262d37";
-      pen.lineWidth = editor.width;
-      pen.lineJoin = pen.lineCap = "round";
-      pen.beginPath();
-      trace(pen, editor.stroke);
-      pen.stroke();
-      pen.strokeStyle = "#3d7eff";
-      pen.lineWidth = 2.5 * pixel;
-      pen.stroke();
-    }
-  }
-  if (editor.pending) {
-    pen.fillStyle = "#3d7eff";
-    pen.beginPath();
-    pen.arc(...editor.pending, 6 * pixel, 0, 2 * Math.PI);
-    pen.fill();
-  }
-  if (problem?.at && !editor.moving && !(editor.stroke && editor.dragged)) drawProblem(problem, pixel);
-  racers.forEach((pose, i) => { if (pose) write(view.lanes[i].agent, worldToPage(pose), COLOURS[i], (i ? -1 : 1) * (0.5 * scale + 4)); });
 }
 
 fetch("/options").then((answer) => answer.json()).then((json) => {
@@ -518,11 +325,11 @@ fetch("/options").then((answer) => answer.json()).then((json) => {
     [option.value, option.textContent] = [value, text];
     (group ?? byId(id)).append(option);
   };
-  for (const { name } of options.drivers) add("driver", name, name);
+  for (const { name } of options.drivers) add("driver", name, short(name));
   byId("driver").value = options.first;
   add("beside", "", "nobody");
   add("beside", options.person, "you (arrow keys or pad)");
-  for (const { name } of options.drivers) add("beside", name, name);
+  for (const { name } of options.drivers) add("beside", name, short(name));
   for (const pace of options.paces) add("pace", pace, `${pace}× speed`);
   for (const name of Object.keys(EXAMPLES)) add("examples", `drawing:${name}`, name);
   const worlds = document.createElement("optgroup");

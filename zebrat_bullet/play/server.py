@@ -13,7 +13,7 @@ from zebrat_bullet.teleop.server import MOST_KEYS_BYTES, SCENE, take_keys
 _PACKAGE = "zebrat_bullet.play"
 _PAGES = {
     "/": (_PACKAGE, "page.html"),
-    **{f"/{name}": (_PACKAGE, name) for name in ("page.css", "editor.js", "page.js")},
+    **{f"/{name}": (_PACKAGE, name) for name in ("page.css", "editor.js", "picture.js", "page.js")},
     "/scene.js": SCENE,
 }
 _MOST_BYTES = {
