@@ -29,7 +29,9 @@ def planar(
     """Return a simulation of the task's robot, which looks along all bearings unless some are named."""
     task, worlds = task or TaskConfig(), [worlds] if isinstance(worlds, World) else worlds
     looks = np.arange(task.lidar.n_bearings) if indices is None else indices
-    return PlanarSimulation(load_robot(task.robot), task, looks, worlds, n_cars, margin_m=margin_m)
+    sim = PlanarSimulation(load_robot(task.robot), task, looks, worlds, n_cars)
+    sim.margin[:] = margin_m
+    return sim
 
 
 def stand(sim: PlanarSimulation, poses_world: ArrayLike, worlds: ArrayLike = 0, dynamics: ArrayLike = AS_BUILT) -> None:

@@ -9,6 +9,7 @@ from planar_cars import AS_BUILT, drive, planar, stand, world_poses
 from poses import near_wall_poses, placed
 
 from zebrat_bullet.config import PhysicsConfig, TaskConfig
+from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.task.episode import anywhere_poses
@@ -96,6 +97,19 @@ def test_a_margin_fires_at_that_distance() -> None:
     sim = planar(wall, indices=NO_RAYS, margin_m=0.1)
     stand(sim, (0.0, 0.0, 0.0))
     assert 1.4 - 1e-6 < first_touch(sim, 0.6)[0] < 1.4051
+
+
+def test_of_a_range_of_margins_each_episode_draws_its_own() -> None:
+    wall = box_world(((2.0, 3.0), (-2.0, 2.0), (0.0, 1.0)))
+    poses = [Pose2(1.48, 0.0, 0.0)] * 4000  # nose at 1.98, within a tenth of the margins
+    drive = PlanarDrive(TaskConfig(), [wall], len(poses), margin_m=(0.0, 0.2 - 1e-9))
+    share = []
+    for _ in range(2):
+        drive.begin_at(np.zeros(len(poses), dtype=np.int32), poses)
+        drive.sim.step()
+        share.append(drive.sim.contact.copy())
+    assert abs(np.mean(share) - 0.9) < 0.02
+    assert (share[0] != share[1]).any()
 
 
 def test_a_margin_never_fires_late_and_at_a_corner_no_earlier_than_a_mitre(robot: RobotModel) -> None:

@@ -83,8 +83,8 @@ def test_more_cars_than_the_memory_holds_are_refused(n_cars: int) -> None:
         planar(FIELD, n_cars)
 
 
-@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan")])
-def test_a_margin_out_of_range_is_refused(margin_m: float) -> None:
+@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan"), (0.03, 0.01), (0.0, 0.2)])
+def test_a_margin_out_of_range_is_refused(margin_m: float | tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match=r"margin_m must be in \[0, 0\.2\)"):
         PlanarDrive(TaskConfig(), [FIELD], 1, margin_m=margin_m)
 

@@ -119,6 +119,20 @@ def test_resolution_sets_the_number_of_bearings(resolution_m: float, n: int) -> 
     assert len(region_of(resolution_m=resolution_m).indices) == n
 
 
+@pytest.mark.parametrize("resolution_m", [0.095, 0.03])
+def test_a_gap_puts_bearings_between_those_that_lie_farther_apart_and_moves_none(resolution_m: float) -> None:
+    plain, filled = (region_of(resolution_m=resolution_m, gap_rad=gap) for gap in (2.0 * math.pi, 0.1))
+    apart = [np.diff(region.indices, append=region.indices[0] + N).max() for region in (plain, filled)]
+    assert apart[0] > 15 and apart[1] <= math.ceil(0.1 / (2.0 * math.pi) * N)
+    assert set(plain.indices) <= set(filled.indices)
+    assert set(filled.indices) == set(-filled.indices % N)
+    axes = [
+        region.indices[[region.back, region.right, region.front, region.left]].tolist() for region in (plain, filled)
+    ]
+    assert axes[0] == axes[1] == [0, 90, 180, 270]
+    assert filled.indices[list(filled.corners)].tolist() == plain.indices[list(plain.corners)].tolist()
+
+
 def test_the_numbers_of_a_reading_are_the_scan_at_the_regions_bearings() -> None:
     region, scan = region_of(), FlatScan(np.linspace(1.0, 4.59, N, dtype=np.float32), REACH)
     clearance = region.measure(scan)

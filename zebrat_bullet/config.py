@@ -204,17 +204,20 @@ class SafetyRegionConfig:
         kind: "sr" (safety region), "firect" (even angles, outline ranges) or "fifr" (even angles, one range).
         resolution_m: r of Algorithm 1, outline length between two bearings; 0.095 gives 32 of them on ZebraT.
         margin_m: how far the outline is enlarged on every side.
+        gap_rad: greatest angle between two bearings of "sr"; where those along the outline lie farther apart, as ahead
+            of a lidar on the nose, more are put evenly between them. The paper has none of these.
     """
 
     kind: str = "sr"
     resolution_m: float = 0.095
     margin_m: float = 0.0
+    gap_rad: float = 2.0 * math.pi
 
     def __post_init__(self) -> None:
         _require(self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}")
         _require(self.resolution_m > 0, f"resolution_m must be above 0, got {self.resolution_m}")
         _require(self.margin_m >= 0, f"margin_m must be at least 0, got {self.margin_m}")
-        within(self, resolution_m=(0.001, 100.0), margin_m=(0.0, 100.0))
+        within(self, resolution_m=(0.001, 100.0), margin_m=(0.0, 100.0), gap_rad=(0.001, 2.0 * math.pi))
 
 
 @dataclass(frozen=True, kw_only=True)

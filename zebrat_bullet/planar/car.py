@@ -46,21 +46,18 @@ class PlanarCar:
     circumradius_m: float
 
 
-def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], margin_m: float = 0.0) -> PlanarCar:
+def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp]) -> PlanarCar:
     """Return the numbers of a car that looks along the bearings of these ascending scan indices.
 
     Args:
         robot: the car.
         task: its physics and senses.
         indices: (B,) where it looks.
-        margin_m: walls so near to the outline count as touched.
 
     Raises:
         ConfigError: some range of a wall is met by no lidar channel within the height band, the lidar is mounted at a
-            tilt, or the margin is too wide.
+            tilt.
     """
-    if not 0.0 <= margin_m < NEAR_M:
-        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), got {margin_m}")
     if np.abs(robot.lidar_rpy[:2]).max() > LEVEL_TILT_RAD:
         raise ConfigError(
             f"{robot.urdf_path}: the lidar is mounted with roll and pitch {robot.lidar_rpy[:2].round(4).tolist()} rad, "
@@ -87,7 +84,7 @@ def planar_car(robot: RobotModel, task: TaskConfig, indices: NDArray[np.intp], m
     data.motor_impulse = robot.wheel_effort_nm / greatest_radius / physics.rate_hz
     data.grip_impulse = GRIP * robot.weight_n / 4.0 / physics.rate_hz
     data.hinge_step = robot.hinge_speed_radps / physics.rate_hz
-    data.margin, data.near = margin_m, NEAR_M
+    data.near = NEAR_M
     data.lidar_x = float(robot.lidar_xyz_base[0]) + noise.mount_xyz_m[0]
     data.lidar_y = float(robot.lidar_xyz_base[1]) + noise.mount_xyz_m[1]
     data.lidar_yaw = noise.mount_yaw_rad

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import Range, TaskConfig
 from zebrat_bullet.errors import ActionError, ConfigError
+from zebrat_bullet.planar.car import NEAR_M
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
@@ -63,7 +64,8 @@ class PlanarDrive:
         device: "cpu" or "cuda".
         seed: of worlds, starts, dynamics and noise.
         raw: observations and actions in SI units instead of [-1, 1].
-        margin_m: walls so near to the outline count as touched; a policy that learns with it does not shave walls.
+        margin_m: walls so near to the outline count as touched; a policy that learns with it does not shave walls. Of a
+            range each episode draws one: where there is room such a policy keeps away, where there is none it squeezes.
 
     Attributes:
         spec: the observation.
@@ -85,8 +87,9 @@ class PlanarDrive:
         device: str = "cpu",
         seed: int = 0,
         raw: bool = False,
-        margin_m: float = 0.0,
+        margin_m: float | Range = 0.0,
     ) -> None:
+        self._margin_m = _range_of(margin_m)
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
@@ -104,7 +107,7 @@ class PlanarDrive:
         self.worlds: list[World] = []
         self.starts = np.empty((0, N_STARTS, 3))
         self.weights: NDArray[np.float64] | None = None
-        self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device, margin_m)
+        self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
         self._note_worlds(worlds)
         self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
         self._n_steps = 0
@@ -216,11 +219,17 @@ class PlanarDrive:
         self._noise_base[cars] = rng.integers(2**31, size=len(cars), dtype=np.int32) - self._n_steps
         host = (worlds, poses.astype(np.float32), dynamics.astype(np.float32))
         sim.place(cars, *(like(values, sim.pose) for values in host))
+        sim.margin[cars] = like(self._draw_margins(len(cars)), sim.pose)
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
         gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
         self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
+
+    def _draw_margins(self, n: int) -> NDArray[np.float32]:
+        least, most = self._margin_m
+        drawn = self._rng.uniform(least, most, size=n) if least < most else np.full(n, least)
+        return drawn.astype(np.float32)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges
@@ -258,3 +267,10 @@ class PlanarDrive:
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
         return self.sim.state() | self._rules.state() | own
+
+
+def _range_of(margin_m: float | Range) -> Range:
+    least, most = (margin_m, margin_m) if isinstance(margin_m, (int, float)) else margin_m
+    if not 0.0 <= least <= most < NEAR_M:
+        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
+    return least, most

@@ -52,7 +52,6 @@ class CarData:
     motor_impulse: float  # of one wheel, in a physics step, N s
     grip_impulse: float  # of one front wheel
     hinge_step: float  # most that a knuckle turns in a physics step
-    margin: float  # walls count as touched when they are so near to the outline
     near: float  # a cell's list of near segments holds all that are closer to the outline than this
     lidar_x: float
     lidar_y: float
@@ -257,6 +256,7 @@ def make_drive(n_abreast: int) -> wp.Kernel:
         walls: Walls,
         world: wp.array(dtype=int),
         dynamics: wp.array2d(dtype=float),  # torque, hinge speed, steering offset, speed: as `Dynamics`; late substeps
+        margin: wp.array(dtype=float),  # walls count as touched when they are so near to the outline
         command: wp.array(dtype=wp.vec2),
         steering_limit: float,
         asked: wp.array(dtype=wp.vec2),  # the command that the motors follow, before it and after it
@@ -351,7 +351,7 @@ def make_drive(n_abreast: int) -> wp.Kernel:
                         s = cars[S, k]
                         middle = wp.vec2(cars[X, k] - c * car.axle_x, cars[Y, k] - s * car.axle_x)
                         where = world[wp.min(begin + k, most)]
-                        free = _clear(walls, where, middle, c, s, car, corners, sides) - car.margin
+                        free = _clear(walls, where, middle, c, s, car, corners, sides) - margin[wp.min(begin + k, most)]
                         cars[FREE, k] = free
                         cars[GOING, k] = wp.where(free > 0.0, 1.0, 0.0)
         for k in range(n_abreast):

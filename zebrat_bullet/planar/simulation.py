@@ -35,7 +35,6 @@ class PlanarSimulation:
         worlds: where; `add_worlds` brings more.
         n_cars: N.
         device: "cpu", "cuda" or "cuda:0", ...
-        margin_m: walls so near to the outline count as touched.
 
     Attributes:
         pose: (N, 3) float32, x, y in m and yaw in rad of the body's middle.
@@ -58,14 +57,13 @@ class PlanarSimulation:
         worlds: Sequence[World],
         n_cars: int,
         device: str = "cpu",
-        margin_m: float = 0.0,
     ) -> None:
         if n_cars < 1:
             raise ConfigError(f"n_cars must be at least 1, got {n_cars}")
         self.device = find_device(device)
         self._n_abreast = CARS_ABREAST if self.device == "cpu" else 1
         self._physics, self._reach_m = task.physics, task.lidar.range_max_m
-        self._car = planar_car(robot, task, indices, margin_m)
+        self._car = planar_car(robot, task, indices)
         self._charts: list[Chart] = []
         car = self._car
         self._corners, self._sides = self._upload(car.corners, wp.vec2), self._upload(car.sides, wp.vec3)
@@ -88,7 +86,7 @@ class PlanarSimulation:
 
     def _require_memory(self, n: int, n_rays: int) -> None:
         """Raise MemoryError where a processor's arrays would not fit: Linux gives the memory and kills who fills it."""
-        needed, there = 4 * n * (n_rays + 21), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        needed, there = 4 * n * (n_rays + 22), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         if self.device == "cpu" and needed > there:
             raise MemoryError(f"their arrays take {needed / 2**30:.0f} GiB of {there / 2**30:.0f} GiB")
 
@@ -107,6 +105,7 @@ class PlanarSimulation:
         self._command, self.command = made(n, wp.vec2)
         self._asked, self._asked_view = made(n, wp.vec2)
         self._dynamics, self._dynamics_view = made((n, 5), wp.float32)
+        self._margin, self.margin = made(n, wp.float32)
         self._draws, self.draws = made(n, wp.int32)
         self._everyone = self._upload(np.arange(n), wp.int32)
 
@@ -156,7 +155,7 @@ class PlanarSimulation:
     def step(self) -> None:
         """Drive every car one control step as `command` says; it must be finite and within the limits."""
         outline = [self._car.data, self._corners, self._sides]
-        asked = [self._world, self._dynamics, self._command, self._physics.max_steering_rad, self._asked]
+        asked = [self._world, self._dynamics, self._margin, self._command, self._physics.max_steering_rad, self._asked]
         state = [self._pose, self._motion, self._clear, self._contact]
         n_threads = -(-len(self._pose) // self._n_abreast)
         with self._in_order():
@@ -186,6 +185,7 @@ class PlanarSimulation:
         return {
             **{"world": self.world, "pose": self.pose, "motion": self.motion, "contact": self.contact},
             **{"clear": self._clear_view, "asked": self._asked_view, "dynamics": self._dynamics_view},
+            "margin": self.margin,
             **{"draws": self.draws, "ranges": self.ranges},
         }
 

@@ -56,6 +56,7 @@ class SafetyRegion:
 
     def __init__(self, footprint_lidar: NDArray[np.float64], config: SafetyRegionConfig, n_bearings: int) -> None:
         self.outline_lidar = _enlarged(footprint_lidar, config.margin_m)
+        self._gap_rad = config.gap_rad
         bearings, axes, self.corners = self._place(config.resolution_m, n_bearings)
         self.back, self.right, self.front, self.left = axes
         self.indices = _scan_indices(bearings, n_bearings)
@@ -103,7 +104,12 @@ class SafetyRegion:
         n_intervals = np.maximum(1, _nearest(lengths / resolution_m))
         points = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(ends, ends[1:], n_intervals, strict=False)]
         first = np.concatenate([[0], np.cumsum(n_intervals)[:-1]])
-        return _bearings_of(np.concatenate(points)), first
+        bearings = _bearings_of(np.concatenate(points))
+        # Where the outline is near the lidar, bearings evenly along it lie far apart.
+        apart = np.diff(bearings, append=bearings[0]) % (2.0 * math.pi)
+        n_parts = np.maximum(1, np.ceil(apart / self._gap_rad - 1e-9)).astype(np.intp)
+        parts = [at + gap * np.arange(n) / n for at, gap, n in zip(bearings, apart, n_parts, strict=True)]
+        return np.concatenate(parts), np.concatenate([[0], np.cumsum(n_parts)[:-1]])[first]
 
     def _missed_sides(self, indices: NDArray[np.intp], resolution_m: float, n_bearings: int) -> NDArray[np.float64]:
         """Return the middle bearing of the scan for each long enough side that it meets and `indices` do not."""
