@@ -21,9 +21,8 @@ def cloud_points(message: Any) -> NDArray[np.float32]:
 
     Any layout: coordinates anywhere in a point, other fields and padding between, rows of an organised cloud with
     padding, either byte order, float64 too. Where x, y and z are float32 of this machine's order and lie side by side,
-    as every lidar driver has them, the array is a view of the message. Points that are not finite are left out where the
-    cloud says that it holds such (`is_dense` false): a ray without a return. In a dense cloud they are kept, and they
-    are an error of whoever made it.
+    as every lidar driver has them, the array is a view of the message. A ray without a return is nan, or the origin, as
+    the lidar's driver has it.
 
     Raises:
         SensorError: the message contradicts itself, or has no coordinates.
@@ -54,8 +53,7 @@ def cloud_points(message: Any) -> NDArray[np.float32]:
         points = np.stack(
             [np.ndarray((height, width), order + kind, buffer, offset, (row, step)) for kind, offset in axes], axis=-1
         )
-    flat: NDArray[np.float32] = points.reshape(-1, 3).astype(np.float32, copy=False)
-    return flat if message.is_dense else flat[np.isfinite(flat).all(axis=1)]
+    return points.reshape(-1, 3).astype(np.float32, copy=False)
 
 
 def _axis(message: Any, name: str) -> tuple[str, int]:
@@ -72,33 +70,22 @@ def _axis(message: Any, name: str) -> tuple[str, int]:
     raise SensorError(f"a cloud must have the fields x, y and z, got {', '.join(names) or 'none'}")
 
 
-def scan_ranges(message: Any) -> tuple[NDArray[np.float32], float, float]:
-    """Return ranges, first bearing and bearing increment of a `sensor_msgs/LaserScan`.
+def scan_ranges(message: Any) -> NDArray[np.float32]:
+    """Return the (n,) float32 ranges of a `sensor_msgs/LaserScan` in m.
 
-    As REP 117 has it: +inf is no return, -inf an object too near to be measured (here at `range_min`), and nan is kept:
-    a measurement that failed. A number outside of `range_min` to `range_max` is to be discarded, and counts as none.
-
-    Returns:
-        (n,) float32 in m, inf where there was no return; angle_min and angle_increment in rad.
+    ROS has a range outside of `range_min` to `range_max` discarded: beyond, it is inf here, the way is free; before, it
+    is nan, the ray was lost. As REP 117 has it, inf, nan and -inf (too near to be measured) are kept.
 
     Raises:
         SensorError: the message contradicts itself.
     """
-    ranges = np.array(message.ranges, np.float32)
-    first, increment = float(message.angle_min), float(message.angle_increment)
     least, most = float(message.range_min), float(message.range_max)
-    if not len(ranges):
-        raise SensorError("a scan without ranges")
-    if not (math.isfinite(first) and math.isfinite(increment) and increment != 0.0):
-        raise SensorError(f"angle_min and angle_increment must be finite, the latter not 0, got {first} and {increment}")
-    if not (math.isfinite(least) and 0.0 <= least < most):
-        raise SensorError(f"range_min must be at least 0 and below range_max, got {least} and {most}")
-    if len(ranges) * abs(increment) > 2.0 * math.pi + 1.5 * abs(increment):
-        raise SensorError(f"{len(ranges)} ranges, {increment} rad apart, are more than a turn")
-    too_near = np.isneginf(ranges)
-    ranges[(ranges > most) | (ranges < least)] = np.inf
-    ranges[too_near] = least
-    return ranges, first, increment
+    if not 0.0 <= least < most:
+        raise SensorError(f"a scan's range_min must be at least 0 and below range_max, got {least} and {most}")
+    ranges = np.array(message.ranges, np.float32)
+    ranges[ranges > most] = np.inf
+    ranges[np.isfinite(ranges) & (ranges < least)] = np.nan
+    return ranges
 
 
 def seconds(stamp: Any) -> float:

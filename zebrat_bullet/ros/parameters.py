@@ -68,6 +68,29 @@ class DriveSettings:
         return self.cloud_topic if self.input == "cloud" else self.scan_topic
 
 
+@dataclass(frozen=True, kw_only=True)
+class SimSettings:
+    """The parameters of the node `zebrat_sim`."""
+
+    cloud_topic: str = parameter("points", "PointCloud2 of the lidar")
+    scan_topic: str = parameter("scan", "LaserScan: the same, flattened")
+    odometry_topic: str = parameter("odom", "Odometry, without error")
+    command_topic: str = parameter("cmd_vel", "TwistStamped to obey (Twist where stamped is false)")
+    ackermann_topic: str = parameter("ackermann_cmd", "AckermannDriveStamped to obey, if its package is there")
+    lidar_frame: str = parameter("lidar", "frame_id of cloud and scan")
+    base_frame: str = parameter("base_link", "child_frame_id of the odometry")
+    odometry_frame: str = parameter("odom", "frame_id of the odometry: the world")
+    reliability: str = parameter("best_effort", "QoS of cloud and scan: best_effort, as lidars are, or reliable")
+    stamped: bool = parameter(True, "commands carry a header")
+    timeout_s: float = parameter(0.4, "a command older than this: brake")
+
+    def __post_init__(self) -> None:
+        if self.reliability not in RELIABILITIES:
+            raise ConfigError(f"reliability must be {' or '.join(RELIABILITIES)}, got {shown(self.reliability)!r}")
+        if not 0.05 <= self.timeout_s <= 10.0:
+            raise ConfigError(f"timeout_s must be 0.05 to 10, got {self.timeout_s}")
+
+
 def make_node(name: str) -> Node:
     """Return a node that has been given whatever parameters the command line and params files name for it."""
     return Node(name, automatically_declare_parameters_from_overrides=True)

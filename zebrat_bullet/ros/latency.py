@@ -1,0 +1,18 @@
+"""Latencies of a run: percentiles of times in seconds."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+
+def percentiles_ms(times_s: Collection[float]) -> dict[str, float]:
+    """Return p50, p99 and the greatest of times, in ms; nothing of none."""
+    if not times_s:
+        return {}
+    p50, p99, most = np.percentile(list(times_s), [50, 99, 100]) * 1e3
+    return {"p50": round(float(p50), 2), "p99": round(float(p99), 2), "max": round(float(most), 2)}
+
+
+def shown_ms(times: dict[str, float]) -> str:
+    """Return them as text."""
+    return ", ".join(f"{name} {value:g} ms" for name, value in times.items()) or "none measured"
