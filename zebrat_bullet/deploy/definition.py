@@ -127,7 +127,7 @@ class Definition:
         parts: list[tuple[str, str, int, float, float]] = [("V_obs", "m", seen.n_rays, 0.0, reach)]
         if seen.gap_ranges_m:
             least, most = math.log10(LEAST_GAP_M), math.log10(reach)
-            parts.append(("log10(max(V_obs - V_range, least gap))", "log10 m", seen.n_rays, least, most))
+            parts.append((f"log10(max(V_obs - V_range, {LEAST_GAP_M:g} m))", "log10 m", seen.n_rays, least, most))
         if seen.last_command:
             speed, steering = seen.max_speed_mps, seen.max_steering_rad
             parts.append(("last speed", "m/s", 1, -speed, speed))
@@ -195,7 +195,7 @@ def _typed(kind: Any, value: Any, where: str) -> Any:
             raise ValueError(f"{where} is a list{'' if n is None else f' of {n}'}, got {shown(repr(value))}")
         return tuple(_typed(inner[0], item, where) for item in value)
     whole = kind is float and type(value) is int
-    if type(value) is not kind and not whole or (kind is float and not abs(value) < 1e9):
+    if (type(value) is not kind and not whole) or (kind is float and not abs(value) < 1e9):
         raise ValueError(f"{where} is a finite {kind.__name__}, got {shown(repr(value))}")
     return float(value) if whole else value
 

@@ -95,9 +95,8 @@ def _check_node(node: bytes) -> None:
             raise ValueError(f"it holds the operation {shown(value.decode())!r}; allowed are {', '.join(OPERATIONS)}")
         if number == _NODE_DOMAIN and value:
             raise ValueError(f"it holds an operation of the domain {shown(value.decode())!r}")
-        if number == _NODE_ATTRIBUTE:
-            if any(inner in _ATTRIBUTE_NO_NUMBERS for inner, _ in _fields(value)):
-                raise ValueError("an operation holds a graph, or weights of its own")
+        if number == _NODE_ATTRIBUTE and any(inner in _ATTRIBUTE_NO_NUMBERS for inner, _ in _fields(value)):
+            raise ValueError("an operation holds a graph, or weights of its own")
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, bytes]]:

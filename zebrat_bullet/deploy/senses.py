@@ -96,8 +96,8 @@ class ScanReader:
         if np.isnan(scan[self._needed]).any():
             n_lost = int(np.isnan(scan[self._needed]).sum())
             raise SensorError(
-                f"the rays to {n_lost} of the {len(self._needed)} bearings that the policy watches were lost, and those "
-                "beside them; clean the lidar"
+                f"the rays to {n_lost} of the {len(self._needed)} bearings that the policy watches were lost, and "
+                "those beside them; clean the lidar"
             )
         return FlatScan(scan, self._range_max_m)
 
@@ -109,8 +109,8 @@ class ScanReader:
             return
         if not (abs(angle_min_rad) <= 100.0 and 0.0 < abs(increment) <= 2.0 * math.pi):
             raise SensorError(
-                f"a scan begins at a finite bearing and goes on by steps above 0 rad, got angle_min {angle_min_rad} and "
-                f"angle_increment {increment}"
+                f"a scan begins at a finite bearing and goes on by steps above 0 rad, got angle_min {angle_min_rad} "
+                f"and angle_increment {increment}"
             )
         if abs(increment) > step * (1.0 + 1e-4):
             raise SensorError(
