@@ -28,7 +28,7 @@ ORDER = [
         "planar",
         "deploy",
     ),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench", "ros"),
     *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
@@ -38,6 +38,7 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
+    **dict.fromkeys(("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs"), {"ros"}),
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

@@ -1,4 +1,4 @@
-"""Latencies of a run: percentiles of times in seconds."""
+"""Latencies: percentiles of times."""
 
 from collections.abc import Collection
 
@@ -11,8 +11,3 @@ def percentiles_ms(times_s: Collection[float]) -> dict[str, float]:
         return {}
     p50, p99, most = np.percentile(list(times_s), [50, 99, 100]) * 1e3
     return {"p50": round(float(p50), 2), "p99": round(float(p99), 2), "max": round(float(most), 2)}
-
-
-def shown_ms(times: dict[str, float]) -> str:
-    """Return them as text."""
-    return ", ".join(f"{name} {value:g} ms" for name, value in times.items()) or "none measured"
