@@ -1,7 +1,6 @@
 """Stands between any driver and the wheels, and stops the car before it touches what its lidar shows."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,8 @@ MARGIN_M = 0.02
 STEERING_LAG_S = 0.08
 """Time constant of PyBullet's steering: each physics step of 1/120 s closes a tenth of its error."""
 _SAME_M = 1e-4
+_LEAST_BEARINGS = 8
+_HERE = np.zeros((1, 3))
 _SIDES = ("behind", "behind-right", "right", "ahead-right", "ahead", "ahead-left", "left", "behind-left")
 
 
@@ -82,7 +83,9 @@ class Supervisor:
 
     def reset(self) -> None:
         """Begin anew with a car at rest whose wheels are straight."""
-        raise NotImplementedError
+        self._last = Command(0.0, 0.0)
+        self._speed_mps = 0.0
+        self._steerings_rad = (0.0,) * len(self._lags_s)
 
     def check(
         self,
@@ -101,4 +104,126 @@ class Supervisor:
             steering_rad: measured angle of the virtual centre wheel; None: likewise.
             age_s: how old the scan is.
         """
-        raise NotImplementedError
+        measured = [value for value in (speed_mps, steering_rad) if value is not None]
+        if speed_mps is not None and math.isfinite(speed_mps):
+            self._speed_mps = speed_mps
+        if steering_rad is not None and math.isfinite(steering_rad):
+            self._steerings_rad = (steering_rad,) * len(self._lags_s)
+        wrong = self._wrong(command, scan, age_s, measured)
+        decision = Decision(Command(0.0, self._last.steering_rad), wrong) if wrong else None
+        if decision is None:
+            assert scan is not None
+            decision = self._judge(self._clipped(command), scan, age_s)
+        self._advance(decision.command)
+        return decision
+
+    def _wrong(self, command: Command, scan: FlatScan | None, age_s: float, measured: list[float]) -> str:
+        """Return why nothing can be said of the command; empty if nothing is wrong."""
+        if not (math.isfinite(command.speed_mps) and math.isfinite(command.steering_rad)):
+            return (
+                f"the command must be finite, got {command.speed_mps} m/s and {command.steering_rad} rad; give another"
+            )
+        if not all(map(math.isfinite, measured)):
+            return f"measured speed and steering must be finite, got {measured}; mend the odometry, or give None"
+        if scan is None:
+            return "there is no scan; look whether the lidar runs, the car drives on with the next one"
+        if not 0.0 <= age_s <= self.late_s:  # a number that is none fails both
+            return (
+                f"the scan is {age_s:.3g} s old, allowed are 0 to {self.late_s:.3g} s; look at the lidar, the network "
+                "and the clocks, the car drives on with the next scan in time"
+            )
+        ranges = scan.ranges_m
+        if ranges.ndim != 1 or len(ranges) < _LEAST_BEARINGS:
+            return f"the scan has the shape {ranges.shape}, needed is (n,) of {_LEAST_BEARINGS} bearings or more"
+        bad = int((~(np.isfinite(ranges) & (ranges >= 0.0))).sum())
+        if bad or not 0.0 < scan.range_max_m < math.inf:
+            return (
+                f"{bad} of {len(ranges)} ranges up to {scan.range_max_m} m are not finite or below 0; give whole "
+                "scans, range_max_m where nothing was seen"
+            )
+        seen = int((ranges < scan.range_max_m).sum())
+        if seen < self.least_returns:
+            return (
+                f"the scan is empty: {seen} of {len(ranges)} bearings have a return within {scan.range_max_m:g} m, "
+                f"needed are {self.least_returns}; look whether the lidar is covered, or allow fewer (least_returns)"
+            )
+        return ""
+
+    def _judge(self, command: Command, scan: FlatScan, age_s: float) -> Decision:
+        points = scan_points(scan, self.car)
+        path = self._path(command, age_s)
+        gaps, near = self._gaps(points, path)
+        least = float(gaps.min(initial=math.inf))
+        if least >= self.margin_m:
+            return Decision(command)
+        stops = [Command(0.0, steering) for steering in (command.steering_rad, self._last.steering_rad)]
+        rooms = [self._room(points, self._path(stop, age_s)) for stop in stops]
+        if least >= max(rooms) - _SAME_M:
+            return Decision(command)
+        stop = stops[0] if rooms[0] >= min(self.margin_m, rooms[1]) - _SAME_M else stops[1]
+        k = int(gaps.min(axis=0).argmin())
+        first = int((gaps < self.margin_m).any(axis=1).argmax())
+        return Decision(stop, self._reason(path[first, 3], least, near[k]) + self._advice(points, age_s))
+
+    def _path(self, command: Command, age_s: float) -> NDArray[np.float64]:
+        """Return (T, 4) the poses of a command and of braking after it, of both ways in which the steering may turn."""
+        brake = (math.inf, Command(0.0, command.steering_rad))
+        phases = [(age_s + self.delay_s, self._last), (self.control_step_s, command), brake]
+        if command.speed_mps == 0.0:
+            del phases[1]
+        return np.concatenate(
+            [
+                motion(self.car, self._speed_mps, steering, phases, lag)[0]
+                for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
+            ]
+        )
+
+    def _gaps(
+        self, points: NDArray[np.float64], path: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (T, N) gaps and the (N, 2) points, of all points the only ones that can come within the margin."""
+        now = self._outline.gaps(points, _HERE)[0]
+        near = points[now < self.margin_m + self._outline.moved_m(path, self.margin_m)]
+        return self._outline.gaps(near, path), near
+
+    def _room(self, points: NDArray[np.float64], path: NDArray[np.float64]) -> float:
+        return float(self._gaps(points, path)[0].min(initial=math.inf))
+
+    def _reason(self, time_s: float, least_m: float, point: NDArray[np.float64]) -> str:
+        """Return where and when a command comes too near."""
+        away = float(self._outline.gaps(point[None], _HERE)[0, 0])
+        what = "would touch what" if least_m <= 0.0 else f"would come to {least_m:.3f} m of what"
+        margin = f" (margin {self.margin_m:g} m)" if least_m > 0.0 else ""
+        return f"{what} is {away:.2f} m {self._side(point)} in {time_s:.1f} s{margin}; "
+
+    def _side(self, point: NDArray[np.float64]) -> str:
+        """Return on which side of the car a point is, eight to choose from."""
+        half = np.abs(np.asarray(self.car.outline_base)).max(axis=0)
+        bearing = math.atan2(point[1] / half[1], point[0] / half[0])
+        return _SIDES[round((bearing + math.pi) / (math.pi / 4.0)) % len(_SIDES)]
+
+    def _advice(self, points: NDArray[np.float64], age_s: float) -> str:
+        """Return which ways the car could go."""
+        speed, lock = self.car.max_speed_mps, self.car.max_steering_rad
+        free = []
+        for name, sign in (("ahead", 1.0), ("back", -1.0)):
+            for way, steering in (("left", lock), ("straight", 0.0), ("right", -lock)):
+                if self._room(points, self._path(Command(sign * speed, steering), age_s)) >= self.margin_m:
+                    free.append(f"{name} {way}")
+        return f"free at full speed: {', '.join(free)}" if free else "no way is free at full speed, go slower"
+
+    def _clipped(self, command: Command) -> Command:
+        most, lock = self.car.max_speed_mps, self.car.max_steering_rad
+        return Command(max(-most, min(most, command.speed_mps)), max(-lock, min(lock, command.steering_rad)))
+
+    def _advance(self, command: Command) -> None:
+        """Note the command, and how the car will move at the next check."""
+        late = min(self.delay_s, self.control_step_s)
+        phases = [(late, self._last), (self.control_step_s - late, command)]
+        ends = [
+            motion(self.car, self._speed_mps, steering, phases, lag)
+            for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
+        ]
+        self._steerings_rad = tuple(end[2] for end in ends)
+        self._speed_mps = ends[0][1]
+        self._last = command

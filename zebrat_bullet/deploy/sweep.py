@@ -14,8 +14,9 @@ TIME_STEP_S = 1.0 / 60.0
 """Between two poses; at 0.6 m/s a car moves 1 cm, and what it touches between them but at neither is under 0.1 mm."""
 PULL = 1.5
 """A car may speed up so many times harder than the braking that is counted on."""
-JOINED_M = 0.1
-"""Between returns of neighbouring bearings that are so near to each other there is wall: no car fits through."""
+APART_M, JOINED_M = 0.02, 0.1
+"""Returns of neighbouring bearings that are farther apart than the first but no farther than the second have wall
+between them, for no car fits through."""
 _BETWEEN = np.array([0.25, 0.5, 0.75])[:, None, None]
 
 Phase = tuple[float, Command]
@@ -72,7 +73,8 @@ def scan_points(scan: FlatScan, car: Car) -> NDArray[np.float64]:
     points = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None] + car.lidar_xyz_base[:2]
     seen = ranges < scan.range_max_m
     after = np.roll(points, -1, axis=0)
-    joined = seen & np.roll(seen, -1) & (np.hypot(*(after - points).T) < JOINED_M)
+    apart = np.hypot(*(after - points).T)
+    joined = seen & np.roll(seen, -1) & (apart > APART_M) & (apart <= JOINED_M)
     between = points[joined] + _BETWEEN * (after[joined] - points[joined])
     return np.concatenate([points[seen], between.reshape(-1, 2)])
 
@@ -89,7 +91,14 @@ class Outline:
         along = np.roll(corners, -1, axis=0) - corners
         self._normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         self._offsets = (self._normals * corners).sum(axis=1)
-        self.circumradius_m = float(np.hypot(*corners.T).max())
+        self._radius_m = float(np.hypot(*corners.T).max())
+        turns = (self._normals * np.roll(self._normals, 1, axis=0)).sum(axis=1)
+        self._spike = float(np.sqrt(2.0 / (1.0 + turns)).max())  # how far a corner moves out with its two sides
+
+    def moved_m(self, poses: NDArray[np.float64], margin_m: float) -> float:
+        """Return a bound on how far any point of the outline with a margin moves from the origin's pose to others."""
+        radius = self._radius_m + margin_m * self._spike
+        return float((np.hypot(poses[:, 0], poses[:, 1]) + radius * np.abs(poses[:, 2])).max())
 
     def gaps(self, points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (T, N) how far in m N points are outside of the outline at T poses, below 0 inside.
