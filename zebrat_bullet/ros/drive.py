@@ -45,7 +45,7 @@ def drive(policy: str, ros_arguments: Sequence[str]) -> dict[str, Any]:
         running = DriveNode(node, settings, driver, supervisor)
         node.get_logger().info(
             f"policy {definition.name} for the car {driver.car.name} listens to {running.listener.topic} "
-            f"({settings.input}, {settings.reliability}) and drives {settings.command_topic}, "
+            f"({settings.input}, {settings.reliability}) and drives {running.command_topic}, "
             f"{'supervised' if supervisor else 'NOT supervised'}"
         )
         gc.freeze()  # what is loaded stays; to look through it again would make commands late

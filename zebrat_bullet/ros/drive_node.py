@@ -1,6 +1,7 @@
 """The node `zebrat_drive`: scans in, commands out, a stop where it cannot rely on what it hears."""
 
 import math
+import re
 import time
 from collections import deque
 from dataclasses import replace
@@ -26,10 +27,11 @@ from zebrat_bullet.ros.parameters import DriveSettings
 from zebrat_bullet.ros.publish import ackermann_drive, ackermann_type, time_of, twist, twist_stamped
 from zebrat_bullet.types import Command
 
-_SAY_AGAIN_S = 2.0
+_SAY_AGAIN_S = 10.0
 _FROZEN_CLOCK_S = 2.0
 """Simulated time may stand still for so long before it counts as dead."""
 _ROUNDING_S = 1e-3
+_NUMBER = re.compile(r"[0-9.]+")
 _EARLY = 0.75
 """A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
 
@@ -52,13 +54,14 @@ class DriveNode:
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
         self._heard: tuple[float, float] | None = None  # the last scan: by the node's clock, and the steady one
         self._stamp_s, self._driven_s = -math.inf, -math.inf
-        self._said_s, self._refused = -math.inf, False
+        self._said, self._said_s = "", -math.inf
         self._sent_s = -math.inf
         self.n_refused = self.n_silences = 0
         self.work_s: deque[float] = deque(maxlen=100_000)
         self.age_s: deque[float] = deque(maxlen=100_000)
         kind = TwistStamped if settings.stamped else Twist
         self._twists = create_publisher(node, kind, settings.command_topic, "reliable")
+        self.command_topic = self._twists.topic_name
         self._ackermanns = None
         if ackermann_type() and settings.ackermann_topic:
             self._ackermanns = create_publisher(node, ackermann_type(), settings.ackermann_topic, "reliable")
@@ -132,7 +135,7 @@ class DriveNode:
         )
         if self._supervisor is not None:
             scan = None if decision.refusal else self._driver.last_scan
-            checked = self._supervisor.check(command, scan, self._measured_speed(), None, age_s)
+            checked = self._supervisor.check(command, scan, self._measured_speed(), None, max(0.0, age_s))
             decision = replace(checked, refusal=decision.refusal or checked.refusal)
             command = decision.command
         self._driver.last_command = command
@@ -162,13 +165,13 @@ class DriveNode:
     def _send(self, decision: Decision) -> None:
         self._publish(decision.command)
         self.n_refused += bool(decision.refusal)
-        again = time.monotonic() - self._said_s >= _SAY_AGAIN_S
-        if decision.refusal and (again or not self._refused):
+        said = _NUMBER.sub("#", decision.refusal)
+        if said and (said != self._said or time.monotonic() - self._said_s >= _SAY_AGAIN_S):
             self._said_s = time.monotonic()
             self._node.get_logger().warning(f"stop: {decision.refusal}")
-        elif self._refused and not decision.refusal:
+        elif self._said and not said:
             self._node.get_logger().info("drives on")
-        self._refused = bool(decision.refusal)
+        self._said = said
 
     def _publish(self, command: Command) -> None:
         self._sent_s = time.monotonic()

@@ -13,7 +13,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 
 SILENCE_S = 2.0
-"""Time without a message after which a subscription says why it may be so, and again after each further such time."""
+"""Time without a message after which a subscription says why it may be so, and again after twice the time each."""
 
 
 def qos(reliability: str, depth: int = 1) -> QoSProfile:
@@ -66,7 +66,7 @@ class Listener:
 
     def __init__(self, node: Node, kind: Any, topic: str, reliability: str, callback: Callable[[Any], None]) -> None:
         self._node, self._kind, self._reliability, self._callback = node, kind, reliability, callback
-        self._heard_s = time.monotonic()
+        self._heard_s, self._patience_s = time.monotonic(), SILENCE_S
         self.n_heard = 0
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda event: self._warn(), incompatible_type=lambda event: self._warn()
@@ -74,14 +74,14 @@ class Listener:
         self.topic = create_subscription(node, kind, topic, reliability, self._hear, events).topic_name
 
     def _hear(self, message: Any) -> None:
-        self._heard_s = time.monotonic()
+        self._heard_s, self._patience_s = time.monotonic(), SILENCE_S
         self.n_heard += 1
         self._callback(message)
 
     def look(self) -> None:
         """Warn if it has been silent for long; to be called now and then."""
-        if time.monotonic() - self._heard_s > SILENCE_S:
-            self._heard_s = time.monotonic()
+        if time.monotonic() - self._heard_s > self._patience_s:
+            self._patience_s *= 2.0
             self._warn()
 
     def _warn(self) -> None:
