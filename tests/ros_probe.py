@@ -25,7 +25,8 @@ from zebrat_bullet.ros.publish import time_of
 # As on a car that has neither simulator nor torch: to import one of them fails.
 WITHOUT_SIMULATOR = (
     "import sys; sys.modules.update(dict.fromkeys("
-    "('torch', 'pybullet', 'gymnasium', 'open3d', 'stable_baselines3', 'warp', 'scipy', 'rich', 'shapely', 'pydantic'))); "
+    "('torch', 'pybullet', 'gymnasium', 'open3d', 'stable_baselines3', 'warp', 'scipy', 'rich', 'shapely', 'pydantic')"
+    ")); "
 )
 RUN = "import sys; from zebrat_bullet.cli import main; sys.exit(main())"
 PATIENCE_S = 120.0
@@ -130,7 +131,9 @@ def fields_of(dtype: np.dtype) -> list[PointField]:
     ]
 
 
-def cloud(points: np.ndarray, dtype: np.dtype | None = None, *, stamp_s: float | None = None, frame: str = "lidar") -> Any:
+def cloud(
+    points: np.ndarray, dtype: np.dtype | None = None, *, stamp_s: float | None = None, frame: str = "lidar"
+) -> Any:
     """Return (N, 3) points as a PointCloud2, its points laid out as a dtype with the fields x, y and z."""
     dtype = dtype or np.dtype({"names": list("xyz"), "formats": ["f4"] * 3, "offsets": [0, 4, 8], "itemsize": 16})
     laid = np.zeros(len(points), dtype)
@@ -147,5 +150,7 @@ def cloud(points: np.ndarray, dtype: np.dtype | None = None, *, stamp_s: float |
 def corridor(width_m: float = 1.6, height_m: float = 0.75) -> np.ndarray:
     """Return the (N, 3) float32 points of a straight corridor's walls, closed 5 m behind, lidar frame."""
     x = np.arange(-5.0, 5.5, 0.02)
-    sides = [np.stack([x, np.full_like(x, y), np.full_like(x, 0.4 - height_m)], axis=1) for y in (-width_m / 2, width_m / 2)]
+    sides = [
+        np.stack([x, np.full_like(x, y), np.full_like(x, 0.4 - height_m)], axis=1) for y in (-width_m / 2, width_m / 2)
+    ]
     return np.concatenate(sides).astype(np.float32)

@@ -38,7 +38,10 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
-    **dict.fromkeys(("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs"), {"ros"}),
+    **{
+        name: {"ros"}
+        for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
+    },
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

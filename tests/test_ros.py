@@ -4,7 +4,6 @@ import json
 import math
 import re
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -15,11 +14,11 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'zebrat
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist
-from ros_probe import PATIENCE_S, Probe, Processes, answered, cloud, corridor, said
+from ros_probe import Probe, Processes, answered, cloud, corridor, said
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.agents.export import export_policy
-from zebrat_bullet.deploy.car import Car
+from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError, SensorError
 from zebrat_bullet.ros.drive import drive
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, steering_of, yaw_rate
@@ -58,9 +57,9 @@ def probe(processes):
 # --- The loop, closed
 
 
-@pytest.mark.parametrize("world", ["track_2", "real_3"])
-def test_a_node_without_simulator_drives_the_car_out(processes, policy, world, record_property):
-    driver = processes.drive(policy)
+@pytest.mark.parametrize("world, sensor", [("track_2", "cloud"), ("real_3", "scan")])
+def test_a_node_without_simulator_drives_the_car_out(processes, policy, world, sensor):
+    driver = processes.drive(policy, f"input:={sensor}")
     ended = json.loads(answered(processes.sim("--world", world, "--lockstep", "30")))
     driver.send_signal(signal.SIGTERM)
     told = json.loads(answered(driver))
@@ -69,19 +68,13 @@ def test_a_node_without_simulator_drives_the_car_out(processes, policy, world, r
     print(f"{world}: {ended['time_s']} s; scan to command {ended['latency_ms']}; of that work {told['work_ms']}")
 
 
-def test_it_drives_by_a_laser_scan_too(processes, policy):
-    processes.drive(policy, "input:=scan")
-    ended = json.loads(answered(processes.sim("--world", "track_2", "--lockstep", "30")))
-    assert ended["outcome"] == "success"
-
-
 # --- Something dies
 
 
 def test_the_car_stands_when_the_driving_node_is_killed(processes, policy, probe):
     """The command is held until 0.4 s old; braking takes a control step: 0.4 s after the first that is missing."""
     driver = processes.drive(policy)
-    processes.sim("--world", "track_2", "--lockstep", "3")
+    processes.sim("--world", "track_2", "--lockstep", "1")
     probe.until(lambda: len(probe.speeds) > 8 and probe.speeds[-1][1] > 0.4)
     driver.kill()
     driver.wait()
@@ -93,18 +86,14 @@ def test_the_car_stands_when_the_driving_node_is_killed(processes, policy, probe
 
 def test_the_car_stands_when_the_lidar_is_killed(processes, policy, probe):
     """The robot itself would obey old commands for long; it is the node that must stop it."""
-    stamps = []
-    probe.node.create_subscription(PointCloud2, "points_relayed", lambda m: stamps.append(_s(m)), 10)
     lidar = processes.start(str(Path(__file__).parent / "ros_relay.py"))
     processes.drive(policy, "cloud_topic:=points_relayed")
-    # The relay is what listens: without the driver's command the simulator waits.
-    processes.sim("--world", "track_2", "--lockstep", "3", parameters=("timeout_s:=10.0",))
+    processes.sim("--world", "track_2", "--lockstep", "1", parameters=("timeout_s:=10.0",))
     probe.until(lambda: len(probe.speeds) > 8 and probe.speeds[-1][1] > 0.4)
     lidar.kill()
     lidar.wait()
     heard = len(probe.speeds)
     probe.until(lambda: len(probe.speeds) > heard + 6)
-    missing_s = probe.commands[-1][0]  # refined below
     stops = [stamp for stamp, speed in probe.commands if speed == 0.0]
     moves = [stamp for stamp, speed in probe.commands if speed != 0.0]
     missing_s = moves[-1] + STEP_S
@@ -123,24 +112,11 @@ def test_the_node_commands_a_stop_when_the_simulator_is_killed(processes, policy
     assert driver.poll() is None and "no scan on /points" in said(driver)
 
 
-def test_the_node_s_last_word_is_a_stop(processes, policy, probe):
-    driver = processes.drive(policy)
-    processes.sim("--world", "track_2", "--lockstep", "30")
-    probe.until(lambda: len(probe.commands) > 8 and probe.commands[-1][1] > 0.4)
-    driver.send_signal(signal.SIGTERM)
-    probe.until(lambda: probe.commands[-1][1] == 0.0)
-    assert json.loads(answered(driver))["commands"] > 8
-
-
 def _stands_from(probe: Probe, time_s: float) -> None:
     before = [speed for stamp, speed in probe.speeds if stamp < time_s - 0.5]
     after = [speed for stamp, speed in probe.speeds if stamp > time_s - 0.01]
     assert max(before) > 0.4, "it never drove"
     assert len(after) >= 2 and max(map(abs, after)) < STANDS_MPS, probe.speeds[-10:]
-
-
-def _s(message: PointCloud2) -> float:
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
 # --- What is wrong is told
@@ -191,7 +167,9 @@ def test_scans_that_cannot_be_relied_on_stop_the_car_and_say_why(processes, poli
     stops(lambda: _without_fields(cloud(good)), "must have the fields x, y and z, got none")
     stops(lambda: _cut(cloud(good)), "bytes, got 100")
     drives(lambda: cloud(good))
-    assert driver.poll() is None
+    driver.send_signal(signal.SIGTERM)
+    probe.until(lambda: probe.commands[-1][1] == 0.0)  # its last word
+    assert json.loads(answered(driver))["refused"] >= 7
 
 
 def test_a_scan_that_comes_again_and_again_is_none(processes, policy, probe):
@@ -252,7 +230,7 @@ def test_a_wrong_parameter_is_refused(processes, policy, arguments, told):
 def test_a_policy_that_is_none_is_refused(processes, tmp_path):
     with pytest.raises(ConfigError, match="no policy; give --policy"):
         drive("", [])
-    with pytest.raises(PolicyError, match="policy.json"):
+    with pytest.raises(PolicyError, match=r"policy\.json"):
         drive(str(tmp_path / "missing"), [])
 
 
@@ -268,8 +246,6 @@ def test_a_policy_that_is_none_is_refused(processes, tmp_path):
     ],
 )
 def test_a_wrong_option_of_the_simulator_is_refused(processes, options, told):
-    from zebrat_bullet.config import TaskConfig
-
     with pytest.raises(ConfigError, match=re.escape(told)):
         simulate("track_2", TaskConfig(), **options)
 
@@ -292,7 +268,6 @@ def test_an_environment_in_which_ros_would_die_is_told(monkeypatch, name, value,
 
 def test_the_simulator_obeys_a_twist_without_stamp_and_none_that_is_not_finite(processes, probe):
     commands = probe.publisher(Twist, "drive")
-    probe.node.create_subscription(PointCloud2, "points", lambda message: None, 1)
     robot = processes.sim("--lockstep", "1", parameters=("stamped:=false", "command_topic:=drive"))
     good, bad = Twist(), Twist()
     good.linear.x, bad.linear.x = 0.3, math.nan
@@ -332,7 +307,9 @@ DOUBLES = np.dtype({"names": list("zyx"), "formats": ["<f8"] * 3, "offsets": [0,
 POINTS = np.random.default_rng(0).normal(size=(64, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize("layout", [VELODYNE, VELODYNE_PADDED, OUSTER, BIG_ENDIAN, DOUBLES], ids=lambda d: str(d.itemsize))
+@pytest.mark.parametrize(
+    "layout", [VELODYNE, VELODYNE_PADDED, OUSTER, BIG_ENDIAN, DOUBLES], ids=lambda d: str(d.itemsize)
+)
 def test_the_clouds_of_real_lidars_are_read(layout):
     read = cloud_points(cloud(POINTS, layout))
     assert read.dtype == np.float32 and np.array_equal(read, POINTS)

@@ -61,7 +61,7 @@ def drive(policy: str, ros_arguments: Sequence[str]) -> dict[str, Any]:
 @contextmanager
 def _exported(policy: str) -> Iterator[Path]:
     """Yield the folder of an exported policy; a shipped one, or one from training, is exported first."""
-    if (Path(policy) / DEFINITION_FILE).is_file() or "/" in policy and not Path(policy).exists():
+    if (Path(policy) / DEFINITION_FILE).is_file() or ("/" in policy and not Path(policy).exists()):
         yield Path(policy)
         return
     try:

@@ -19,7 +19,6 @@ from zebrat_bullet.deploy.decision import Decision
 from zebrat_bullet.deploy.driver import Driver
 from zebrat_bullet.deploy.supervisor import Supervisor
 from zebrat_bullet.errors import SensorError
-from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.ros.latency import percentiles_ms
 from zebrat_bullet.ros.listen import Listener, create_publisher
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, seconds
@@ -49,8 +48,9 @@ class DriveNode:
     def __init__(self, node: Node, settings: DriveSettings, driver: Driver, supervisor: Supervisor | None) -> None:
         self._node, self._settings, self._driver, self._supervisor = node, settings, driver, supervisor
         self._sim_time = bool(node.get_parameter("use_sim_time").value)
-        yaw = rotation_from_rpy(0.0, 0.0, settings.lidar_yaw_rad)
-        self._rotation = yaw @ np.array(driver.definition.lidar_rotation_base)
+        cos, sin = math.cos(settings.lidar_yaw_rad), math.sin(settings.lidar_yaw_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
         self._heard: tuple[float, float] | None = None  # the last scan: by the node's clock, and the steady one
         self._stamp_s, self._driven_s = -math.inf, -math.inf
@@ -112,8 +112,6 @@ class DriveNode:
                 f"a scan in the frame {frame[:100]!r}, expected {self._settings.lidar_frame!r}; is it the right lidar? "
                 "Then name its frame in the parameter lidar_frame"
             )
-        if self._sim_time and not self._node.get_clock().ros_time_is_active:
-            raise SensorError("use_sim_time is true and ROS's clock is not simulated; is /clock published?")
         if self._sim_time and self._now_s() == 0.0:
             raise SensorError("use_sim_time is true and nothing publishes /clock; set it to false on a real car")
         if abs(age_s) > self._settings.watchdog_s:

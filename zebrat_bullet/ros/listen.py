@@ -18,7 +18,7 @@ SILENCE_S = 2.0
 
 def qos(reliability: str, depth: int = 1) -> QoSProfile:
     """Return a profile with "best_effort" or "reliable", that keeps the last messages."""
-    return QoSProfile(depth=depth, reliability=QoSReliabilityPolicy[reliability.upper()])
+    return QoSProfile(depth=depth, reliability=getattr(QoSReliabilityPolicy, reliability.upper()))
 
 
 def create_publisher(node: Node, kind: Any, topic: str, reliability: str) -> Any:
@@ -92,8 +92,8 @@ class Listener:
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         wanted = _type_name(self._kind)
         if not publishers:
-            others = [name for name, types in self._node.get_topic_names_and_types() if wanted in types]
-            others = sorted(name for name in others if name != self.topic)[:10]
+            topics = [name for name, types in self._node.get_topic_names_and_types() if wanted in types]
+            others = sorted(name for name in topics if self._node.count_publishers(name))[:10]
             there = f"there are {', '.join(others)}" if others else "nor any other topic of that type"
             return (
                 f"nobody publishes {self.topic} ({wanted}); {there}. Does the lidar's driver run, with the same "

@@ -34,9 +34,13 @@ class DriveSettings:
     command_topic: str = parameter("cmd_vel", "where the commands go as TwistStamped (Twist where stamped is false)")
     ackermann_topic: str = parameter("ackermann_cmd", "where they go as AckermannDriveStamped, if its package is there")
     lidar_frame: str = parameter("lidar", "frame_id that scans must have; empty: any")
-    lidar_yaw_rad: float = parameter(0.0, "how far the lidar is turned about the vertical against the car, left positive")
+    lidar_yaw_rad: float = parameter(
+        0.0, "how far the lidar is turned about the vertical against the car, left positive"
+    )
     base_frame: str = parameter("base_link", "frame_id of the commands")
-    reliability: str = parameter("best_effort", "QoS of the subscriptions: best_effort hears every publisher, or reliable")
+    reliability: str = parameter(
+        "best_effort", "QoS of the subscriptions: best_effort hears every publisher, or reliable"
+    )
     stamped: bool = parameter(True, "commands carry a header")
     trust_stamps: bool = parameter(True, "a scan's age is told by its stamp; false: as if measured on arrival")
     watchdog_s: float = parameter(0.4, "no scan for so long, or one so old: stop")
@@ -124,7 +128,8 @@ def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, An
             value = float(value)
         if type(value) is not type(each.default):
             raise ConfigError(
-                f"parameter {name} must be a {type(each.default).__name__}, got {shown(value)!r} ({type(value).__name__})"
+                f"parameter {name} must be a {type(each.default).__name__}, got {shown(value)!r}, "
+                f"a {type(value).__name__}"
             )
         if name in given:
             node.undeclare_parameter(name)

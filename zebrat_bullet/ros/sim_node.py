@@ -97,7 +97,7 @@ class SimNode:
     def _wait_for_a_driver(self, reading: Reading, wait_s: float) -> None:
         """Publish the first scan until a command answers it; simulated time goes on, the episode does not."""
         end_s = time.monotonic() + wait_s
-        self._spin(end_s, self._someone_listens)
+        self._spin(end_s, lambda: self._answered or self._someone_listens())
         while not self._answered:
             if time.monotonic() >= end_s:
                 raise ConfigError(
