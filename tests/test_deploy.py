@@ -402,8 +402,12 @@ def bare(code: str, allowed: set[str]) -> subprocess.CompletedProcess:
 def test_it_drives_where_only_numpy_and_onnxruntime_are(folder, tmp_path):
     np.save(tmp_path / "cloud.npy", a_cloud())
     code = f"""
+import importlib, pkgutil
 import numpy as np
+import zebrat_bullet.deploy
 from zebrat_bullet.deploy import Driver
+for module in pkgutil.iter_modules(zebrat_bullet.deploy.__path__):
+    importlib.import_module("zebrat_bullet.deploy." + module.name)
 decision = Driver.load({str(folder)!r}).drive_cloud(np.load({str(tmp_path / "cloud.npy")!r}))
 assert not decision.refusal
 print(repr((decision.command.speed_mps, decision.command.steering_rad)))

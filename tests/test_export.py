@@ -132,10 +132,15 @@ def test_what_is_no_network_or_was_guided_or_has_another_car_is_not_exported(tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_says_where_the_folder_is(tmp_path):
+def test_the_commands_say_where_the_folder_is_and_how_long_a_decision_takes(tmp_path):
     zebrat = Path(sys.executable).parent / "zebrat"
     told = [zebrat, "export", "shipped", "--out", tmp_path / "here", "--json"]
     done = subprocess.run(told, capture_output=True, text=True, check=True)
     assert json.loads(done.stdout)["folder"] == str(tmp_path / "here") and Driver.load(tmp_path / "here")
+    timed = subprocess.run(
+        [zebrat, "bench", "--deploy", "--world", "track_2", "--steps", "20", "--json"], capture_output=True, check=True
+    )
+    times = json.loads(timed.stdout)["shipped"]
+    assert times["points"] == 5760 and times["cloud_cpu_p50_ms"] > times["network_cpu_p50_ms"] > 0.0
     wrong = subprocess.run([zebrat, "export", "nobody"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2 and "no agent 'nobody'" in wrong.stderr

@@ -24,7 +24,7 @@ and bearings to the left; bearing index 0 straight back). SHA-256 of the network
 
 ## How to run it
 
-`pip install --no-deps zebrat-bullet && pip install numpy onnxruntime`, then, every {step:g} s:
+`pip install numpy onnxruntime && pip install --no-deps zebrat-bullet`, then, every {step:g} s:
 
 ```python
 from zebrat_bullet.deploy import Driver
