@@ -69,6 +69,11 @@ class Processes:
         ros_args = [word for each in parameters for word in ("-p", each)]
         return self.start("-c", RUN, "ros", "sim", "--json", *options, "--ros-args", *ros_args)
 
+    def check(self) -> None:
+        """Fail if one of them ended by itself with an error."""
+        for process in self._running:
+            assert process.poll() not in (1, 2, 3), said(process)
+
     def close(self) -> None:
         for process in self._running:
             process.kill()
@@ -87,11 +92,11 @@ def answered(process: subprocess.Popen) -> str:
 
 
 class Probe:
-    """A node of the test: hears commands, odometry and clouds, and may publish clouds and commands."""
+    """A node of the test: hears commands and odometry, and may publish."""
 
-    def __init__(self, domain: int) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
+    def __init__(self, processes: Processes) -> None:
+        self._processes, self._context = processes, Context()
+        rclpy.init(context=self._context, domain_id=processes.domain)
         self.node = rclpy.create_node("probe", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -110,10 +115,11 @@ class Probe:
         reliability = QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
         return self.node.create_publisher(kind, topic, QoSProfile(depth=5, reliability=reliability))
 
-    def until(self, done: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
+    def until(self, done: Callable[[], bool]) -> None:
         """Spin until something is so; fail if that takes very long."""
-        end_s = time.monotonic() + patience_s
+        end_s = time.monotonic() + PATIENCE_S
         while not done():
+            self._processes.check()
             assert time.monotonic() < end_s, "it did not come to pass"
             self._executor.spin_once(timeout_sec=0.05)
 

@@ -49,7 +49,7 @@ def processes(tmp_path, monkeypatch):
 
 @pytest.fixture
 def probe(processes):
-    made = Probe(processes.domain)
+    made = Probe(processes)
     yield made
     made.close()
 

@@ -18,8 +18,8 @@ def drive(policy: str, ros_arguments: Sequence[str]) -> dict[str, Any]:
     """Run the node until Ctrl-C or SIGTERM, and return what it did; its last command is a stop.
 
     Args:
-        policy: an exported folder, or the name of a policy where the whole package is installed; the ROS parameter
-            `policy` goes before it.
+        policy: an exported folder, or the name of a policy where the whole package is installed; empty: what the ROS
+            parameter `policy` says.
         ros_arguments: what stands behind --ros-args.
 
     Raises:
@@ -33,10 +33,10 @@ def drive(policy: str, ros_arguments: Sequence[str]) -> dict[str, Any]:
         from zebrat_bullet.ros.parameters import DriveSettings, make_node, read_parameters
 
         node = make_node("zebrat_drive")
-        settings = read_parameters(node, DriveSettings, {"policy": policy})
-        if not settings.policy:
+        settings = read_parameters(node, DriveSettings)
+        if not (policy := policy or settings.policy):
             raise ConfigError("no policy; give --policy FOLDER that zebrat export has written, or a shipped name")
-        with _exported(settings.policy) as folder:
+        with _exported(policy) as folder:
             driver = Driver.load(folder, limits=Limits(stale_s=settings.watchdog_s))
         definition, supervisor = driver.definition, None
         if settings.supervised:

@@ -2,7 +2,6 @@
 
 import difflib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -100,7 +99,7 @@ def make_node(name: str) -> Node:
     return Node(name, automatically_declare_parameters_from_overrides=True)
 
 
-def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, Any] | None = None) -> _Settings:
+def read_parameters(node: Node, kind: type[_Settings]) -> _Settings:
     """Return a node's parameters as settings, and declare every one, so that ROS's tools list and describe them.
 
     A whole number stands for a float too, which ROS alone would refuse.
@@ -108,7 +107,6 @@ def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, An
     Args:
         node: of `make_node`.
         kind: the settings' dataclass.
-        defaults: in place of the dataclass's own.
 
     Raises:
         ConfigError: a parameter is unknown, of another type, or out of its range; ROS ignores unknown ones in silence.
@@ -122,8 +120,7 @@ def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, An
             raise ConfigError(f"{node.get_name()} has no parameter {shown(name)!r}{hint}")
     values = {}
     for name, each in known.items():
-        default = (defaults or {}).get(name, each.default)
-        value = given.get(name, default)
+        value = given.get(name, each.default)
         if type(each.default) is float and type(value) is int:
             value = float(value)
         if type(value) is not type(each.default):
