@@ -38,6 +38,8 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
+    "onnx": {"agents"},
+    "onnxruntime": {"deploy"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

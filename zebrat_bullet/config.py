@@ -11,6 +11,10 @@ MOST_SEED = 2**31 - 1
 """Greatest seed of a run; its evaluations and their episodes draw from seeds beyond it."""
 
 
+FOOTPRINTS = ("auto", "collision", "hull")
+"""What may count as the outline of a car's body, see `robot.setup`."""
+
+
 def _require(ok: bool, message: str) -> None:
     if not ok:
         raise ConfigError(message)

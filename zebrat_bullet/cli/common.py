@@ -1,4 +1,4 @@
-"""What the commands share: options, progress, notes."""
+"""What the commands share: options, progress, notes. Like all of `cli`, it loads with numpy alone."""
 
 import argparse
 import math
@@ -6,15 +6,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
-from zebrat_bullet.config_text import with_overrides
+from zebrat_bullet.config import FOOTPRINTS, RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.robot.setup import FOOTPRINTS, named_robot
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
@@ -86,6 +84,8 @@ def name_robot(arguments: argparse.Namespace) -> None:
     """
     settings = robot_settings(arguments)
     if arguments.robot is not None:
+        from zebrat_bullet.robot import named_robot
+
         arguments.robot = named_robot(arguments.robot, settings)
     elif settings:
         raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
@@ -205,6 +205,7 @@ def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
 
     What --robot and --set say goes before; where the agent's own differ from the default is noted.
     """
+    from zebrat_bullet.config_text import with_overrides
     from zebrat_bullet.evaluation.own_task import as_trained
 
     task, differing = as_trained(task_of(arguments), agent, own_robot=arguments.robot is None)
@@ -224,7 +225,10 @@ def note(arguments: argparse.Namespace, message: str) -> None:
         print(message, file=sys.stderr)
 
 
-def progress_bar(arguments: argparse.Namespace) -> Progress:
+def progress_bar(arguments: argparse.Namespace) -> "Progress":
     """Return a progress bar on standard error, disabled by --quiet."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=Console(stderr=True), disable=arguments.quiet)

@@ -5,8 +5,7 @@ import json
 import os
 from functools import partial
 from pathlib import Path
-
-from rich.progress import TaskID
+from typing import TYPE_CHECKING
 
 from zebrat_bullet.cli.common import (
     AddCommand,
@@ -18,6 +17,9 @@ from zebrat_bullet.cli.common import (
     workers_option,
 )
 from zebrat_bullet.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 def sets(arguments: argparse.Namespace) -> Result:
@@ -66,7 +68,7 @@ def _make(arguments: argparse.Namespace) -> Result:
     missing: list[str] = []
     with progress_bar(arguments) as bar:
 
-        def on_candidate(shown: TaskID, name: str, found: int, tried: int) -> None:
+        def on_candidate(shown: "TaskID", name: str, found: int, tried: int) -> None:
             bar.update(shown, completed=found, description=f"{name}, {tried} tried")
 
         for recipe in recipes:

@@ -16,6 +16,7 @@ from zebrat_bullet.cli import (
     collisions,
     curves,
     driving,
+    export,
     families,
     held_out,
     learning,
@@ -54,6 +55,13 @@ def main(argv: list[str] | None = None) -> int:
         except Exception as error:
             if arguments.debug:
                 raise
+            if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("zebrat_bullet"):
+                print(
+                    f"zebrat {arguments.command}: needs {error.name}, which is not installed: pip install "
+                    "zebrat-bullet, with all it depends on",
+                    file=sys.stderr,
+                )
+                return 2
             said = " ".join(shown(error, 500).split())
             print(
                 f"zebrat {arguments.command}: this is a bug of ours: {type(error).__name__}: {said}; "
@@ -121,6 +129,7 @@ def _parser() -> argparse.ArgumentParser:
         sweep,
         curves,
         driving,
+        export,
         worlds,
         bench,
         width,
