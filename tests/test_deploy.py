@@ -209,6 +209,16 @@ def test_what_cannot_be_relied_on_is_a_stop_that_says_why(driver, case):
     assert driver.drive_cloud(a_cloud()).refusal == ""  # and the next good one is driven
 
 
+def test_the_documented_refusals_are_those_that_are_given(driver):
+    page = (Path(__file__).parent.parent / "docs/deploy.md").read_text()
+    said = re.findall(r"^\| .* \| `(.*)` \|$", page.partition("## When it stops")[2].partition("\n\n`Driver")[0], re.M)
+    given = [decide(driver).refusal for decide, _ in STOPS.values()]
+    assert len(said) == 8
+    for text in said:
+        begins = text.removesuffix("...").removesuffix(" ").removesuffix(";")
+        assert any(refusal.startswith(begins) for refusal in given), text
+
+
 def test_a_network_that_gives_no_number_is_a_stop(driver):
     driver._network = lambda observations: np.full((1, 2), np.nan, np.float32)
     assert "not two finite numbers" in refusal(driver, lambda: driver.drive_scan(FREE))

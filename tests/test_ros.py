@@ -140,7 +140,7 @@ def test_a_lidar_of_another_type_and_a_missing_one_are_told(processes, policy, p
     one = processes.drive(policy, sim_time=False)
     two = processes.drive(policy, "cloud_topic:=lidar", sim_time=False)
     probe.until(lambda: "publishes sensor_msgs/msg/LaserScan, this node wants" in said(one))
-    probe.until(lambda: "nobody publishes /lidar" in said(two) and "there are /velodyne_points" in said(two))
+    probe.until(lambda: "nobody publishes /lidar" in said(two) and "; there are /velodyne_points." in said(two))
 
 
 def test_scans_that_cannot_be_relied_on_stop_the_car_and_say_why(processes, policy, probe):

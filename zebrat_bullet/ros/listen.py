@@ -92,14 +92,14 @@ class Listener:
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         wanted = _type_name(self._kind)
         if not publishers:
-            topics = [name for name, types in self._node.get_topic_names_and_types() if wanted in types]
-            others = sorted(name for name in topics if self._node.count_publishers(name))[:10]
+            topics = sorted(name for name, types in self._node.get_topic_names_and_types() if wanted in types)
+            others = [name for name in topics if self._publishes(name, wanted)][:10]
             there = f"there are {', '.join(others)}" if others else "nor any other topic of that type"
             return (
                 f"nobody publishes {self.topic} ({wanted}); {there}. Does the lidar's driver run, with the same "
                 "ROS_DOMAIN_ID?"
             )
-        told = []
+        told: list[str] = []
         for publisher in publishers:
             node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
             offered = publisher.qos_profile.reliability.name.lower()
@@ -113,6 +113,9 @@ class Listener:
             else:
                 told.append(f"{node} publishes {offered}, this node asks for {self._reliability}: that fits")
         return f"{self.topic} has {len(publishers)} publisher(s) and nothing arrives: {'; '.join(told)}"
+
+    def _publishes(self, topic: str, wanted: str) -> bool:
+        return any(each.topic_type == wanted for each in self._node.get_publishers_info_by_topic(topic))
 
 
 def _type_name(kind: Any) -> str:
