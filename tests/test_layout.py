@@ -38,15 +38,12 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
-<<<<<<< HEAD
     **{
         name: {"ros"}
         for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
     },
-=======
     "onnx": {"agents"},
     "onnxruntime": {"deploy"},
->>>>>>> main
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
