@@ -5,6 +5,7 @@ import math
 import re
 import signal
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'zebrat
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist
 from ros_probe import Probe, Processes, answered, cloud, corridor, said
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.agents.export import export_policy
@@ -22,11 +24,13 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError, SensorError
 from zebrat_bullet.ros.drive import drive
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, steering_of, yaw_rate
+from zebrat_bullet.ros.parameters import DriveSettings, SimSettings, make_node, read_parameters
 from zebrat_bullet.ros.publish import cloud_message, scan_message, time_of
-from zebrat_bullet.ros.runtime import check_ros
+from zebrat_bullet.ros.runtime import check_ros, ros
 from zebrat_bullet.ros.sim import simulate
 from zebrat_bullet.types import FlatScan, PointCloud
 
+DOCS = Path(__file__).parent.parent / "docs"
 STEP_S = 0.2
 STANDS_MPS = 0.02
 
@@ -182,6 +186,18 @@ def test_a_scan_that_comes_again_and_again_is_none(processes, policy, probe):
     probe.until(lambda: probe.commands[-1][1] == 0.0)
 
 
+def test_of_a_lidar_at_10_hz_every_second_scan_is_driven(processes, policy, probe):
+    lidar, clock = probe.publisher(PointCloud2, "points"), probe.publisher(Clock, "/clock")
+    processes.drive(policy)
+    probe.until(lambda: lidar.get_subscription_count() == clock.get_subscription_count() == 1)
+    for scan in range(21):
+        stamp_s = 1000.0 + 0.1 * scan
+        clock.publish(Clock(clock=time_of(stamp_s)))
+        lidar.publish(cloud(corridor(), stamp_s=stamp_s))
+        probe.until(lambda n=scan // 2 + 1: len(probe.commands) >= n)
+    assert len(probe.commands) == 11
+
+
 def test_without_a_clock_a_node_in_simulated_time_says_so(processes, policy, probe):
     lidar = probe.publisher(PointCloud2, "points")
     driver = processes.drive(policy, sim_time=True)
@@ -234,6 +250,20 @@ def test_a_policy_that_is_none_is_refused(processes, tmp_path):
         drive(str(tmp_path / "missing"), [])
 
 
+def test_the_page_and_its_parameter_file_are_true(processes):
+    page, example = (DOCS / "ros.md").read_text(), DOCS / "ros" / "drive.yaml"
+    for settings in (DriveSettings, SimSettings):
+        for each in fields(settings):
+            assert f"`{each.name}`" in page, each.name
+    assert example.read_text().split("\n", 1)[1] in page
+    with ros(["--params-file", str(example), "-p", "margin_m:=1"]):
+        node = make_node("zebrat_drive")
+        read = read_parameters(node, DriveSettings)
+        assert (read.lidar_frame, read.max_speed_mps, read.margin_m) == ("velodyne", 0.3, 1.0)
+        assert node.describe_parameter("margin_m").description
+        node.destroy_node()
+
+
 @pytest.mark.parametrize(
     "options, told",
     [
@@ -268,7 +298,7 @@ def test_an_environment_in_which_ros_would_die_is_told(monkeypatch, name, value,
 
 def test_the_simulator_obeys_a_twist_without_stamp_and_none_that_is_not_finite(processes, probe):
     commands = probe.publisher(Twist, "drive")
-    robot = processes.sim("--lockstep", "1", parameters=("stamped:=false", "command_topic:=drive"))
+    robot = processes.sim("--lockstep", "0.3", parameters=("stamped:=false", "command_topic:=drive"))
     good, bad = Twist(), Twist()
     good.linear.x, bad.linear.x = 0.3, math.nan
     probe.until(lambda: _sent(commands, lambda: good) and len(probe.speeds) > 3 and probe.speeds[-1][1] > 0.29)
