@@ -198,6 +198,16 @@ def test_of_a_lidar_at_10_hz_every_second_scan_is_driven(processes, policy, prob
     assert len(probe.commands) == 11
 
 
+def test_a_lidar_that_is_turned_drives_once_its_yaw_is_told(processes, policy, probe):
+    """Its cable to the right: what is ahead of the car it calls left. Untold, the corridor's walls stand in the way."""
+    lidar = probe.publisher(PointCloud2, "points")
+    driver = processes.drive(policy, "lidar_yaw_rad:=-1.5707963", sim_time=False)
+    x, y, z = corridor().T
+    turned = np.stack([-y, x, z], axis=1)
+    probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and len(probe.commands) > 3)
+    assert probe.commands[-1][1] > 0.0, said(driver)
+
+
 def test_without_a_clock_a_node_in_simulated_time_says_so(processes, policy, probe):
     lidar = probe.publisher(PointCloud2, "points")
     driver = processes.drive(policy, sim_time=True)
@@ -229,6 +239,7 @@ def _cut(message: PointCloud2) -> PointCloud2:
         (["-p", "input:=camera"], "input must be cloud or scan, got 'camera'"),
         (["-p", "reliability:=sure"], "reliability must be best_effort or reliable"),
         (["-p", "max_speed_mps:=0.0"], "max_speed_mps must be above 0"),
+        (["-p", "watchdog_s:=0.1"], "watchdog_s must be above the policy's control step of 0.2 s"),
         (["-p", "watchdog_s:=.nan"], "watchdog_s must be 0.05 to 10, got nan"),
         (["-p", "supervised:=maybe"], "supervised must be a bool"),
         (["-p", "cloud_topic:=my lidar"], "'my lidar' is no topic"),

@@ -39,6 +39,11 @@ def drive(policy: str, ros_arguments: Sequence[str]) -> dict[str, Any]:
         with _exported(policy) as folder:
             driver = Driver.load(folder, limits=Limits(stale_s=settings.watchdog_s))
         definition, supervisor = driver.definition, None
+        if settings.watchdog_s <= definition.control_step_s:
+            raise ConfigError(
+                f"watchdog_s must be above the policy's control step of {definition.control_step_s} s, for no scan is "
+                f"due before, got {settings.watchdog_s}"
+            )
         if settings.supervised:
             late_s = settings.watchdog_s
             supervisor = Supervisor(driver.car, definition.control_step_s, settings.margin_m, late_s)
