@@ -101,12 +101,14 @@ class Probe:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.commands: list[tuple[float, float]] = []  # stamp, speed
+        self.yaw_rates: list[float] = []  # of the commands
         self.speeds: list[tuple[float, float]] = []  # stamp, speed
         self.node.create_subscription(TwistStamped, "cmd_vel", self._on_command, 100)
         self.node.create_subscription(Odometry, "odom", self._on_odometry, 100)
 
     def _on_command(self, message: Any) -> None:
         self.commands.append((seconds(message.header.stamp), message.twist.linear.x))
+        self.yaw_rates.append(message.twist.angular.z)
 
     def _on_odometry(self, message: Any) -> None:
         self.speeds.append((seconds(message.header.stamp), message.twist.twist.linear.x))

@@ -21,6 +21,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.agents.export import export_policy
 from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.deploy.driver import Driver
 from zebrat_bullet.errors import ConfigError, PolicyError, SensorError
 from zebrat_bullet.ros.drive import drive
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, steering_of, yaw_rate
@@ -198,14 +199,18 @@ def test_of_a_lidar_at_10_hz_every_second_scan_is_driven(processes, policy, prob
     assert len(probe.commands) == 11
 
 
-def test_a_lidar_that_is_turned_drives_once_its_yaw_is_told(processes, policy, probe):
-    """Its cable to the right: what is ahead of the car it calls left. Untold, the corridor's walls stand in the way."""
+def test_a_turned_lidar_is_understood_once_its_yaw_is_told(processes, policy, probe):
+    """Its cable to the right: what is ahead of the car it calls left."""
+    points = corridor() + np.array([0.0, 0.15, 0.0], np.float32)  # nearer to the right wall, so that it steers
     lidar = probe.publisher(PointCloud2, "points")
-    driver = processes.drive(policy, "lidar_yaw_rad:=-1.5707963", sim_time=False)
-    x, y, z = corridor().T
+    processes.drive(policy, "lidar_yaw_rad:=-1.5707963", sim_time=False)
+    x, y, z = points.T
     turned = np.stack([-y, x, z], axis=1)
-    probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and len(probe.commands) > 3)
-    assert probe.commands[-1][1] > 0.0, said(driver)
+    probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and bool(probe.yaw_rates))
+    driver = Driver.load(policy)
+    command = driver.drive_cloud(points).command
+    expected = yaw_rate(command.speed_mps, command.steering_rad, driver.car.wheelbase_m)
+    assert abs(expected) > 0.1 and probe.yaw_rates[0] == pytest.approx(expected, rel=0.05)
 
 
 def test_without_a_clock_a_node_in_simulated_time_says_so(processes, policy, probe):
