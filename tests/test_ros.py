@@ -4,6 +4,7 @@ import json
 import math
 import re
 import signal
+import sys
 import time
 from dataclasses import fields
 from pathlib import Path
@@ -306,6 +307,13 @@ def test_a_wrong_option_of_the_simulator_is_refused(processes, options, told):
 def test_an_environment_in_which_ros_would_die_is_told(monkeypatch, name, value, told):
     monkeypatch.setenv(name, value)
     with pytest.raises(ConfigError, match=told):
+        check_ros()
+
+
+def test_where_ros_is_not_installed_the_extra_is_named(monkeypatch):
+    monkeypatch.delitem(sys.modules, "rclpy.node")
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    with pytest.raises(ConfigError, match=re.escape("pip install 'zebrat-bullet[ros]'")):
         check_ros()
 
 
