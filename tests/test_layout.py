@@ -28,7 +28,7 @@ ORDER = [
         "planar",
         "deploy",
     ),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench", "ros"),
     *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
@@ -38,6 +38,10 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
+    **{
+        name: {"ros"}
+        for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
+    },
     "onnx": {"agents"},
     "onnxruntime": {"deploy"},
 }

@@ -21,6 +21,7 @@ from zebrat_bullet.cli import (
     held_out,
     learning,
     parity,
+    ros,
     sweep,
     width,
     worlds,
@@ -136,6 +137,7 @@ def _parser() -> argparse.ArgumentParser:
         held_out,
         families,
         parity,
+        ros,
         collisions,
     ):
         commands_of_a_kind.add(command)

@@ -26,6 +26,8 @@ AS_BUILT = Dynamics()
 Touch = tuple[Any, ...]
 """A contact point as PyBullet's getContactPoints gives it."""
 
+_BRAKED_S = 1.0
+"""In this time a car stands, whatever it did before, with a command that comes late too."""
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
@@ -145,8 +147,28 @@ class Simulation:
             step_physics()
             yield contacts()
 
+    def would_touch(self, command: Command) -> bool:
+        """Return whether the body would touch a wall during a control step of a command and the braking after it.
+
+        All is as before afterwards, to the last bit.
+
+        Raises:
+            ActionError: the command is not finite.
+        """
+        before, saved = self._driven, self._client.saveState()
+        stop = Command(0.0, command.steering_rad)
+        n_braking = math.ceil(_BRAKED_S / self._physics.control_step_s)
+        steps = (self.substeps(each) for each in (command, *[stop] * n_braking))
+        try:
+            return any(map(bool, chain.from_iterable(steps)))
+        finally:
+            self._client.restoreState(saved)
+            self._client.removeState(saved)
+            self._drive(before)  # a state holds no motors
+
     def _drive(self, command: Command) -> None:
         """Set the motors to what the car makes of a command."""
+        self._driven = command
         dynamics, most = self._dynamics, self._physics.max_steering_rad
         steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
         targets = wheel_targets(Command(command.speed_mps * dynamics.speed, steering), self._robot)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
-from zebrat_bullet.sensing.lidar import Lidar
+from zebrat_bullet.sensing.lidar import Lidar, Sweep
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
 from zebrat_bullet.sim.simulation import Simulation
@@ -46,6 +46,7 @@ class Drive:
 
     Attributes:
         config: the task, with the limits of the car where they are lower, and the car named for any folder.
+        sweep: the revolution of the lidar that the last reading was made from.
 
     Raises:
         ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
@@ -68,6 +69,7 @@ class Drive:
         self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id, watched)
         self._rules = EpisodeRules(config.episode, self.robot, np.zeros((1, 3)))
         self.state: RobotState
+        self.sweep: Sweep
 
     def reset(
         self,
@@ -123,7 +125,8 @@ class Drive:
         self.sim.close()
 
     def _read(self, command: Command) -> Reading:
-        scan = self.lidar.scan(self.state, self._noise_rng, watched_only=not self._whole_scans)
+        self.sweep = self.lidar.sweep(self.state, self._noise_rng, watched_only=not self._whole_scans)
+        scan = self.lidar.flat(self.sweep)
         clearance = self.region.measure(scan)
         time_s = self._n_steps * self.config.physics.control_step_s
         waypoint = self._guide.waypoint(self.state.pose) if self._guide else None
