@@ -19,6 +19,7 @@ from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, NoiseConfig, PhysicsConfig, TaskConfig
 from zebrat_bullet.deploy.car import Car, car_of
 from zebrat_bullet.deploy.supervisor import Supervisor
+from zebrat_bullet.deploy.sweep import scan_points
 from zebrat_bullet.errors import ActionError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.metrics import score
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
@@ -221,6 +222,13 @@ def test_it_says_where_and_when_and_which_ways_are_free() -> None:
     assert "would come to 0.01" in near and "margin 0.02 m" in near
     shut = walls(ahead=0.03, behind=0.03, left=0.03, right=0.03)
     assert "go slower" in Supervisor(CAR, STEP_S).check(AHEAD, shut, 0.0, 0.0).refusal
+
+
+def test_between_returns_that_lie_apart_there_is_wall_and_none_between_those_far_apart() -> None:
+    x, y = scan_points(walls(left=0.05), CAR).T
+    beside = np.sort(x[(np.abs(y - 0.35) < 1e-3) & (np.abs(x + 0.45) < 0.15)])
+    assert np.diff(beside).max() < 0.015  # the bearings alone are up to 4.6 cm apart there
+    assert len(scan_points(scan_of((1.0, 0.0), (0.9, 0.05)), CAR)) == 2
 
 
 def test_without_measurements_it_takes_the_car_to_have_obeyed() -> None:
