@@ -12,7 +12,7 @@ from zebrat_bullet.deploy.sweep import Outline, motion, scan_points
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.types import Command, FlatScan
 
-MARGIN_M = 0.02
+MARGIN_M = 0.01
 STEERING_LAG_S = 0.08
 """Time constant of PyBullet's steering: each physics step of 1/120 s closes a tenth of its error."""
 _SAME_M = 1e-4

@@ -123,7 +123,7 @@ def _supervision(records: Sequence[EpisodeRecord]) -> Supervision | None:
     margin_m = records[0].supervised_m
     if margin_m is None:
         return None
-    runs = [run for record in records for run in _runs(record.refused)]
+    runs = [run for record in records for run in interventions(record.refused)]
     n, n_false = len(runs), sum(not run[:, 3].any() for run in runs)
     minutes = sum(record.duration_s for record in records) / 60.0
     stood_off = [len(r.refused) and r.refused[-1, 0] == len(r.command) - 1 and r.outcome == "stall" for r in records]
@@ -138,7 +138,7 @@ def _supervision(records: Sequence[EpisodeRecord]) -> Supervision | None:
     )
 
 
-def _runs(refused: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def interventions(refused: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return the (K, 4) refused commands parted into runs of control steps one after the other."""
     if not len(refused):
         return []

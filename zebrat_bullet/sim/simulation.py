@@ -28,6 +28,7 @@ Touch = tuple[Any, ...]
 
 _BRAKED_S = 1.0
 """In this time a car stands, whatever it did before, with a command that comes late too."""
+_STANDS_MPS = 0.005
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
@@ -156,15 +157,20 @@ class Simulation:
             ActionError: the command is not finite.
         """
         before, saved = self._driven, self._client.saveState()
-        stop = Command(0.0, command.steering_rad)
-        n_braking = math.ceil(_BRAKED_S / self._physics.control_step_s)
-        steps = (self.substeps(each) for each in (command, *[stop] * n_braking))
         try:
-            return any(map(bool, chain.from_iterable(steps)))
+            return any(map(bool, self._drive_and_brake(command)))
         finally:
             self._client.restoreState(saved)
             self._client.removeState(saved)
             self._drive(before)  # a state holds no motors
+
+    def _drive_and_brake(self, command: Command) -> Iterator[list[Touch]]:
+        """Drive a control step and brake until the car stands; yields what the body touches after each physics step."""
+        yield from self.substeps(command)
+        for _ in range(math.ceil(_BRAKED_S / self._physics.control_step_s)):
+            yield from self.substeps(Command(0.0, command.steering_rad))
+            if abs(self.read([]).speed_mps) < _STANDS_MPS:
+                return
 
     def _drive(self, command: Command) -> None:
         """Set the motors to what the car makes of a command."""
