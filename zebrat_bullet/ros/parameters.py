@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 
@@ -44,7 +45,7 @@ class DriveSettings:
     trust_stamps: bool = parameter(True, "a scan's age is told by its stamp; false: as if measured on arrival")
     watchdog_s: float = parameter(0.4, "no scan for so long, or one so old: stop")
     supervised: bool = parameter(True, "the supervisor stops commands that lead into what the lidar sees")
-    margin_m: float = parameter(0.02, "the supervisor's distance around the car")
+    margin_m: float = parameter(MARGIN_M, "the supervisor's distance around the car")
     max_speed_mps: float = parameter(math.inf, "commands are cut off there; inf: the policy's own limit")
     max_steering_rad: float = parameter(math.inf, "the same for the steering")
 
