@@ -341,6 +341,12 @@ class TaskConfig:
         return self.observation.waypoint or bool(self.reward.weights.get("W"))
 
 
+def with_engine(task: TaskConfig, engine: str) -> TaskConfig:
+    """Return the task in another engine, whose own ray caster stands in for that of the one before."""
+    caster = engine if task.lidar.caster in ENGINES else task.lidar.caster
+    return replace(task, physics=replace(task.physics, engine=engine), lidar=replace(task.lidar, caster=caster))
+
+
 _GUIDED_OBSERVATIONS = {
     "wg": ObservationConfig(waypoint=True),
     "wg_paper": ObservationConfig(last_command=False, waypoint=True),

@@ -59,7 +59,7 @@ def run_episode(
 def drive_episodes(
     agent: str, task: TaskConfig, world: World, seed: int, episodes: Sequence[int], action_noise: float = 0.0
 ) -> Iterator[EpisodeRecord]:
-    """Drive some episodes of an agent in one world in PyBullet, one after the other.
+    """Drive some episodes of an agent in one world, one after the other.
 
     Args:
         agent: its name, policy file or run folder.

@@ -10,14 +10,14 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig, within
-from zebrat_bullet.config_text import to_json
+from zebrat_bullet.config import TaskConfig, with_engine, within
+from zebrat_bullet.config_text import from_plain, to_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings
+from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
-from zebrat_bullet.files import read_json
+from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES, passage, senses
 from zebrat_bullet.world.world import World
@@ -36,7 +36,7 @@ class WidthStudy:
         shapes: of `SHAPES`.
         widths_m: ascending.
         episodes: for each agent, shape, sense and width.
-        sim: "planar" or "bullet"; agents that are no policies are always driven in PyBullet.
+        sim: "planar", "bullet" or "mujoco"; where policies drive planar cars, other agents drive in PyBullet.
         seed: of the episodes in PyBullet; on planar cars they begin at a passage's own poses.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes; None takes one a core.
@@ -179,9 +179,10 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
     """Yield place and endings of each world."""
     if not worlds:
         return
-    if _sim(study, agent) == "bullet":
-        yield from bullet_endings(
-            name, study.task, worlds, study.episodes,
+    sim = _sim(study, agent)
+    if sim != "planar":
+        yield from engine_endings(
+            name, with_engine(study.task, sim), worlds, study.episodes,
             seed=study.seed, action_noise=study.action_noise, workers=study.workers,
         )  # fmt: skip
         return
@@ -193,7 +194,7 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
 
 
 def _sim(study: WidthStudy, agent: Agent) -> str:
-    return study.sim if isinstance(agent, PolicyAgent) else "bullet"
+    return study.sim if isinstance(agent, PolicyAgent) or study.sim != "planar" else "bullet"
 
 
 def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
@@ -213,7 +214,8 @@ def _key(row: WidthRow) -> tuple[object, ...]:
 
 def _claim(study: WidthStudy, folder: Path) -> None:
     """Write what the rows of a folder have in common, or refuse a folder where it is something else."""
-    task = replace(study.task, lidar=replace(study.task.lidar, caster="bullet"))  # either gives the same cloud
+    task = with_engine(study.task, "bullet")  # the rows say what they were driven in
+    task = replace(task, lidar=replace(task.lidar, caster="bullet"))  # each gives the same cloud
     common = {"seed": study.seed, "action_noise": study.action_noise, "task": json.loads(to_json(task))}
     path = folder / "study.json"
     if not path.exists():
@@ -222,5 +224,8 @@ def _claim(study: WidthStudy, folder: Path) -> None:
     then = read_json(path, ConfigError)
     if not isinstance(then, dict):
         raise ConfigError(f"{path}: holds no settings of a study; name another --out")
+    if isinstance(then.get("task"), dict):  # settings that came later are as by default
+        with refusing(path, ConfigError, "holds no settings of a study", "name another --out"):
+            then["task"] = json.loads(to_json(from_plain(TaskConfig, then["task"])))
     if differing := [name for name in common if then.get(name) != common[name]]:
         raise ConfigError(f"{folder} holds widths driven under another {', '.join(differing)}; name another --out")

@@ -41,7 +41,7 @@ def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, 
         name: which one.
         directions: (N, 3) unit vectors in the lidar frame.
         range_max_m: reach of the lidar.
-        client: of the simulation that holds walls and floor, which "bullet" and "mujoco" cast in; None if there is none.
+        client: of the simulation that holds walls and floor, which "bullet" and "mujoco" cast in; None: there is none.
 
     Raises:
         ConfigError: the caster of an engine was asked for without a simulation in it.
@@ -69,8 +69,8 @@ def _mujoco_caster(directions: NDArray[np.float32], range_max_m: float, client: 
 
     if not isinstance(client, SceneHolder):
         raise ConfigError(
-            f"caster 'mujoco' casts in a MuJoCo simulation's scene, got {_kind(client)}; drive with the engine 'mujoco' "
-            "(task.physics.engine), or use 'embree'"
+            f"caster 'mujoco' casts in a MuJoCo simulation's scene, got {_kind(client)}; drive with the engine "
+            "'mujoco' (task.physics.engine), or use 'embree'"
         )
     return MujocoCaster(directions, range_max_m, client)
 

@@ -14,8 +14,8 @@ from zebrat_bullet.types import Pose2, RobotState
 
 _KNUCKLE_SHARE = 0.1
 """Share of its error that a knuckle closes in a physics step, the servo of PyBullet's car."""
-_HINGE_STIFFNESS = 20.0
-"""How many times a hinge's own inertia its motor feels like: it gives way to the tyres by a few mrad/s."""
+_SPRING, _DAMPER = 0.1, 0.5
+"""Of a hinge's servo, as shares of what its inertia can bear in one step."""
 
 
 class MujocoCar:
@@ -33,39 +33,46 @@ class MujocoCar:
         step_s = float(model.opt.timestep)
         self._share_per_s = (1.0 - (1.0 - _KNUCKLE_SHARE) ** (step_s * physics.rate_hz)) / step_s
         self._hinge_speed = robot.hinge_speed_radps
-        self._efforts = model.actuator_forcerange[2:].copy()
-        inertia = model.dof_M0[self._hinge_dof]
-        stiffness = np.empty(6)
-        stiffness[:2] = _HINGE_STIFFNESS * inertia / step_s
+        self._efforts = model.actuator_forcerange.copy()
+        # A gear's rotor is heavier than the knuckle that it turns: full torque brings it to speed in one physics step.
+        model.dof_armature[self._hinge_dof] = self._efforts[:2, 1] / (robot.hinge_speed_radps * physics.rate_hz)
+        inertia = model.dof_M0[self._hinge_dof] + model.dof_armature[self._hinge_dof]
+        spring, damper = _SPRING * inertia / step_s**2, _DAMPER * inertia / step_s
+        self._lead_s = _DAMPER / _SPRING * step_s
+        model.actuator_gainprm[:2, 0] = spring
+        model.actuator_biasprm[:2, 1] = -spring
+        model.actuator_biasprm[:2, 2] = -damper
         # With its share of the car's mass, a wheel comes to its speed within a physics step while its torque lasts.
         radii = np.array([robot.wheel_radius_m] * 2 + [robot.front_radius_m] * 2)
-        stiffness[2:] = robot.rolling_mass_kg / 4.0 * radii**2 * physics.rate_hz
-        model.actuator_gainprm[:, 0] = stiffness
-        model.actuator_biasprm[:, 2] = -stiffness
+        stiffness = robot.rolling_mass_kg / 4.0 * radii**2 * physics.rate_hz
+        model.actuator_gainprm[2:, 0] = stiffness
+        model.actuator_biasprm[2:, 2] = -stiffness
+        self._step_s = step_s
         self._targets, self._turn = (0.0, 0.0), 0.0
+        self._asked = [0.0, 0.0]
 
     def reset(self, pose: Pose2) -> None:
         """Stand the car still at `pose` with straight wheels, with no contact left from before."""
         mujoco.mj_resetData(self._model, self._data)
         half = pose.yaw / 2.0
         self._data.qpos[:7] = (pose.x, pose.y, 0.0, math.cos(half), 0.0, 0.0, math.sin(half))
+        self._asked = [0.0, 0.0]
         mujoco.mj_forward(self._model, self._data)
 
     def drive(self, targets: WheelTargets, torque: float = 1.0, hinge_speed: float = 1.0) -> None:
         """Set the motors until the next call, with factors on the wheels' torque and on the hinges' speed."""
         self._targets, self._turn = targets.knuckle_rad, self._hinge_speed * hinge_speed
         self._data.ctrl[2:] = targets.wheel_radps
-        self._model.actuator_forcerange[2:] = torque * self._efforts
+        self._model.actuator_forcerange[2:] = torque * self._efforts[2:]
 
     def step(self) -> None:
         """Let one of MuJoCo's steps pass; the hinges turn on towards their targets."""
-        data = self._data
-        left, right = self._hinge_at
-        turn, share = self._turn, self._share_per_s
-        wanted = share * (self._targets[0] - data.qpos[left]), share * (self._targets[1] - data.qpos[right])
-        data.ctrl[0] = min(max(wanted[0], -turn), turn)
-        data.ctrl[1] = min(max(wanted[1], -turn), turn)
-        mujoco.mj_step(self._model, data)
+        asked, turn = self._asked, self._turn
+        for side in (0, 1):
+            speed = min(max(self._share_per_s * (self._targets[side] - asked[side]), -turn), turn)
+            self._data.ctrl[side] = asked[side] + self._lead_s * speed
+            asked[side] += speed * self._step_s
+        mujoco.mj_step(self._model, self._data)
 
     def read(self, contact: bool, unseen_contact: bool) -> RobotState:
         """Return the measured state of the base frame and the joints.

@@ -19,6 +19,9 @@ class MujocoSimulation(CarSimulation):
         client: holds the scene, for a ray caster in it.
     """
 
+    client: SceneHolder
+    _car: MujocoCar
+
     def __init__(self, robot: RobotModel, physics: PhysicsConfig) -> None:
         super().__init__(robot, physics)
         self.client = SceneHolder()
@@ -31,13 +34,12 @@ class MujocoSimulation(CarSimulation):
     def _build(self, world: World | None) -> None:
         self._scene = self.client.scene = build_scene(self._robot, self._physics, world)
         self._car = MujocoCar(self._scene, self._robot, self._physics)
-        self._mujoco_car = self._car
         self._world = world
 
     def _advance(self) -> None:
         self._touched = []
         for _ in range(self._n_steps):
-            self._mujoco_car.step()
+            self._car.step()
             self._touched += self._touching()
 
     def touches(self) -> list[Touch]:
