@@ -81,9 +81,6 @@ def episode_frames(
     # Embree whatever the episode was driven with: it is fast enough to cast the cloud anew for every frame.
     caster = make_caster("embree", beam_directions(task.lidar), task.lidar.range_max_m, None)
     caster.set_world(world)
-    agent = Path(record.agent.partition(":")[0]).stem
-    title = f"{Path(parse_reference(record.world).name).stem} · {agent}"
-    title += " · MuJoCo" if task.physics.engine == "mujoco" else ""
     outline = region_outline(robot, task.region.margin_m)
     driven: list[tuple[float, float]] = []
     for time_s in times_s:
@@ -104,7 +101,7 @@ def episode_frames(
             steering_rad=float(_between(record.steering_rad, step, share)),
             time_s=float(time_s),
             terms=dict(zip(record.term_names, record.terms[min(step, len(record.terms) - 1)], strict=True)),
-            title=title,
+            title=f"{Path(parse_reference(record.world).name).stem} · {Path(record.agent.partition(':')[0]).stem}",
             status=record.outcome if time_s >= record.duration_s else "",
         )
 

@@ -9,12 +9,12 @@ from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import SimulationError
 from zebrat_bullet.robot import STEERING_JOINTS, WHEEL_JOINTS, RobotModel
 from zebrat_bullet.sim.ackermann import WheelTargets, virtual_steering
-from zebrat_bullet.sim.mujoco.model import Scene
+from zebrat_bullet.sim.mujoco.model import Scene, n_steps
 from zebrat_bullet.types import Pose2, RobotState
 
 _KNUCKLE_SHARE = 0.1
 """Share of its error that a knuckle closes in a physics step, the servo of PyBullet's car."""
-_SPRING, _DAMPER = 0.1, 0.5
+_SPRING, _DAMPER = 0.25, 0.5
 """Of a hinge's servo, as shares of what its inertia can bear in one step."""
 
 
@@ -31,14 +31,13 @@ class MujocoCar:
         self._hinge_dof = [int(joint.dofadr[0]) for joint in hinges]
         self._wheel_at = [int(joint.qposadr[0]) for joint in wheels]
         step_s = float(model.opt.timestep)
-        self._share_per_s = (1.0 - (1.0 - _KNUCKLE_SHARE) ** (step_s * physics.rate_hz)) / step_s
+        self._n_steps, self._share_per_s = n_steps(physics), _KNUCKLE_SHARE * physics.rate_hz
         self._hinge_speed = robot.hinge_speed_radps
         self._efforts = model.actuator_forcerange.copy()
         # A gear's rotor is heavier than the knuckle that it turns: full torque brings it to speed in one physics step.
         model.dof_armature[self._hinge_dof] = self._efforts[:2, 1] / (robot.hinge_speed_radps * physics.rate_hz)
         inertia = model.dof_M0[self._hinge_dof] + model.dof_armature[self._hinge_dof]
         spring, damper = _SPRING * inertia / step_s**2, _DAMPER * inertia / step_s
-        self._lead_s = _DAMPER / _SPRING * step_s
         model.actuator_gainprm[:2, 0] = spring
         model.actuator_biasprm[:2, 1] = -spring
         model.actuator_biasprm[:2, 2] = -damper
@@ -47,16 +46,13 @@ class MujocoCar:
         stiffness = robot.rolling_mass_kg / 4.0 * radii**2 * physics.rate_hz
         model.actuator_gainprm[2:, 0] = stiffness
         model.actuator_biasprm[2:, 2] = -stiffness
-        self._step_s = step_s
         self._targets, self._turn = (0.0, 0.0), 0.0
-        self._asked = [0.0, 0.0]
 
     def reset(self, pose: Pose2) -> None:
         """Stand the car still at `pose` with straight wheels, with no contact left from before."""
         mujoco.mj_resetData(self._model, self._data)
         half = pose.yaw / 2.0
         self._data.qpos[:7] = (pose.x, pose.y, 0.0, math.cos(half), 0.0, 0.0, math.sin(half))
-        self._asked = [0.0, 0.0]
         mujoco.mj_forward(self._model, self._data)
 
     def drive(self, targets: WheelTargets, torque: float = 1.0, hinge_speed: float = 1.0) -> None:
@@ -66,13 +62,12 @@ class MujocoCar:
         self._model.actuator_forcerange[2:] = torque * self._efforts[2:]
 
     def step(self) -> None:
-        """Let one of MuJoCo's steps pass; the hinges turn on towards their targets."""
-        asked, turn = self._asked, self._turn
+        """Let a physics step of the task pass, in which the hinges' aims move at one speed towards their targets."""
+        data, turn = self._data, self._turn
         for side in (0, 1):
-            speed = min(max(self._share_per_s * (self._targets[side] - asked[side]), -turn), turn)
-            self._data.ctrl[side] = asked[side] + self._lead_s * speed
-            asked[side] += speed * self._step_s
-        mujoco.mj_step(self._model, self._data)
+            speed = self._share_per_s * (self._targets[side] - data.act[side])
+            data.ctrl[side] = min(max(speed, -turn), turn)
+        mujoco.mj_step(self._model, data, self._n_steps)
 
     def read(self, contact: bool, unseen_contact: bool) -> RobotState:
         """Return the measured state of the base frame and the joints.

@@ -20,7 +20,7 @@ from zebrat_bullet.world.world import World
 TIMESTEP_S = 0.002
 """Longest step of MuJoCo; a physics step of the task is cut into as many equal ones as it takes.
 
-At 2 ms five seconds of driving end 5 mm from where steps of 0.25 ms end, PyBullet's 15 mm.
+At 2 ms five seconds of driving end 9 mm from where steps of 0.25 ms end, PyBullet's 15 mm.
 """
 SEEN_GROUP, FELT_GROUP = 1, 2
 """Geom groups: rays look at the first alone."""
@@ -202,7 +202,10 @@ def _add_link(spec: mujoco.MjSpec, body: mujoco.MjsBody, link: Link, is_wheel: b
 
 
 def _add_motors(spec: mujoco.MjSpec, robot: RobotModel, efforts: dict[str, float]) -> None:
-    """Add a servo for each hinge and a motor that keeps a speed for each wheel; `MujocoCar` says how stiff they are."""
+    """Add servos whose aims move at a speed to the hinges, motors that keep a speed to the wheels.
+
+    How stiff they are says `MujocoCar`, once inertias are known.
+    """
     for role in (*STEERING_JOINTS, *WHEEL_JOINTS):
         name = robot.joints[role]
         motor = spec.add_actuator(name=role, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -210,4 +213,5 @@ def _add_motors(spec: mujoco.MjSpec, robot: RobotModel, efforts: dict[str, float
         if role in WHEEL_JOINTS:
             motor.set_to_velocity(kv=1.0)
         else:
-            motor.set_to_position(kp=1.0, kv=1.0)
+            motor.set_to_intvelocity(kp=1.0, kv=1.0)
+            motor.actlimited, motor.actrange = True, [-np.pi, np.pi]

@@ -8,7 +8,7 @@ from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sim.base import CarSimulation, Touch
 from zebrat_bullet.sim.mujoco.car import MujocoCar
-from zebrat_bullet.sim.mujoco.model import SceneHolder, build_scene, n_steps
+from zebrat_bullet.sim.mujoco.model import SceneHolder, build_scene
 from zebrat_bullet.world.world import World
 
 
@@ -25,22 +25,13 @@ class MujocoSimulation(CarSimulation):
     def __init__(self, robot: RobotModel, physics: PhysicsConfig) -> None:
         super().__init__(robot, physics)
         self.client = SceneHolder()
-        self._n_steps = n_steps(self._physics)
-        self._touched: list[Touch] = []
-        self._step_physics = self._advance
-        self._wall_contacts = lambda: self._touched
         self._build(None)
 
     def _build(self, world: World | None) -> None:
         self._scene = self.client.scene = build_scene(self._robot, self._physics, world)
         self._car = MujocoCar(self._scene, self._robot, self._physics)
+        self._step_physics, self._wall_contacts = self._car.step, self._touching
         self._world = world
-
-    def _advance(self) -> None:
-        self._touched = []
-        for _ in range(self._n_steps):
-            self._car.step()
-            self._touched += self._touching()
 
     def touches(self) -> list[Touch]:
         """Return what the body touches where it stands now; no time passes."""
