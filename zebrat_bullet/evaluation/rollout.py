@@ -121,7 +121,7 @@ def _check_privileges(agent: Agent) -> None:
 def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
     given: dict[str, Any] = {}
     if "pose" in agent.privileged:
-        given["state"] = drive.state
+        given["state"] = drive.believed
     if "map" in agent.privileged:
         given["walls"] = drive.world.walls
     if "goal" in agent.privileged:

@@ -1,6 +1,7 @@
 """The physics of one car in one world, stepped a command at a time."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import chain
@@ -111,8 +112,11 @@ class Simulation:
             raise SimulationError(f"a start pose must be finite, got {pose}")
         self._dynamics = dynamics
         self._n_late = self._physics.steps_in(dynamics.delay_s)
+        self._late, self._n_driven = deque[tuple[int, Command]](), 0
+        self._car.load(dynamics.mass, dynamics.friction)
         self._car.reset(pose)
-        self._drive(Command(0.0, 0.0))
+        self._steering_rad = 0.0
+        self._obey(Command(0.0, 0.0))
         return self._car.read(contact=False, unseen_contact=False)
 
     def touches(self) -> list[Touch]:
@@ -132,25 +136,41 @@ class Simulation:
     def substeps(self, command: Command) -> Iterator[list[Touch]]:
         """Drive one control step, a physics step at a time; yields what the body touches after each.
 
+        A car that obeys late obeys the commands of earlier steps first.
+
         Raises:
             ActionError: the command is not finite; nothing was simulated.
         """
-        command = clip_command(command, self._physics)
+        self._late.append((self._n_driven + self._n_late, clip_command(command, self._physics)))
         step_physics, contacts = self._client.stepSimulation, self._wall_contacts
         for i in range(self._physics.n_substeps + 1):
-            if i == self._n_late:
-                self._drive(command)
+            if self._late and self._late[0][0] <= self._n_driven:
+                self._obey(self._late.popleft()[1])
             if i == self._physics.n_substeps:
                 return
+            if self._dynamics.steering_lag_s > 0.0:
+                self._follow()
             step_physics()
+            self._n_driven += 1
             yield contacts()
 
-    def _drive(self, command: Command) -> None:
-        """Set the motors to what the car makes of a command."""
+    def _obey(self, command: Command) -> None:
+        """Set the motors to what the car makes of a command; a steering that lags sets out for it."""
         dynamics, most = self._dynamics, self._physics.max_steering_rad
         steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
-        targets = wheel_targets(Command(command.speed_mps * dynamics.speed, steering), self._robot)
-        self._car.drive(targets, dynamics.acceleration, dynamics.steering_rate)
+        self._asked = Command(command.speed_mps * dynamics.speed, steering)
+        if dynamics.steering_lag_s == 0.0:
+            self._drive(steering)
+
+    def _follow(self) -> None:
+        """Bring a lagging steering nearer to what is asked of it, by what a physics step does."""
+        kept = math.exp(-1.0 / (self._physics.rate_hz * self._dynamics.steering_lag_s))
+        self._steering_rad = self._asked.steering_rad + kept * (self._steering_rad - self._asked.steering_rad)
+        self._drive(self._steering_rad)
+
+    def _drive(self, steering_rad: float) -> None:
+        targets = wheel_targets(Command(self._asked.speed_mps, steering_rad), self._robot)
+        self._car.drive(targets, self._dynamics.acceleration, self._dynamics.steering_rate)
 
     def read(self, touches: list[Touch]) -> RobotState:
         """Return the state now; `touches` are those since the control step began.
