@@ -269,6 +269,6 @@ def _refuse_disturbed(task: TaskConfig) -> None:
     step, delay = task.physics.control_step_s, task.dynamics.delay_s[1]
     if delay > step:
         raise ConfigError(
-            f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or drive "
-            "it in PyBullet"
+            f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or "
+            "drive it in PyBullet"
         )
