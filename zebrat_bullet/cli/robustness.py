@@ -12,6 +12,7 @@ from zebrat_bullet.cli.common import (
     agents_option,
     progress_bar,
     reward_options,
+    supervised_option,
     task_of,
     task_options,
     workers_option,
@@ -39,6 +40,7 @@ def robustness(arguments: argparse.Namespace) -> Result:
         axes=axes,
         worlds=tuple(arguments.worlds or (_DEMONSTRATION if together else _GRID)),
         episodes=arguments.episodes or (70 if together else 10),
+        supervised_m=arguments.supervised,
         seed=arguments.seed,
         workers=arguments.workers,
         task=replace(task, disturbance=replace(task.disturbance, **error)),
@@ -72,7 +74,7 @@ def _settings(arguments: argparse.Namespace) -> list[str]:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(robustness, agents_option(), task_options(), reward_options(), workers_option())
+    made = command(robustness, agents_option(), task_options(), reward_options(), workers_option(), supervised_option())
     made.add_argument(
         "--axes",
         nargs="+",

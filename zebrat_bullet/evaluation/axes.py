@@ -138,7 +138,7 @@ AXIS_NAMES = (*AXES, EVERYTHING)
 
 
 def levels_of(axis: str) -> tuple[float, ...]:
-    """Return the levels at which an axis is judged, but for nominal.
+    """Return the levels at which an axis is judged, but for the one at which nothing is disturbed.
 
     Raises:
         ConfigError: there is no such axis; the message lists those there are.
@@ -180,7 +180,7 @@ def disturbed(task: TaskConfig, axis: str, level: float) -> TaskConfig:
 
 
 def parse_axes(texts: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
-    """Return the levels of each axis of texts "axis" and "axis=level,level", without nominal.
+    """Return the levels of each axis of texts "axis" and "axis=level,level", ascending, the undisturbed one with them.
 
     Raises:
         ConfigError: there is no such axis, or a level is no number.
@@ -190,8 +190,8 @@ def parse_axes(texts: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
         name, equals, given = text.partition("=")
         own = levels_of(name)
         try:
-            levels = tuple(sorted({float(each) for each in given.split(",")})) if equals else own
+            levels = {float(each) for each in given.split(",")} if equals else set(own)
         except ValueError as error:
             raise ConfigError(f"levels are numbers, as in {name}={own[0]:g},{own[1]:g}; got {shown(text)!r}") from error
-        axes[name] = tuple(level for level in levels if level != nominal_of(name))
+        axes[name] = tuple(sorted(levels | {nominal_of(name)}))
     return axes

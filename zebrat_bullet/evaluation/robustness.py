@@ -13,7 +13,7 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError, PlanError
-from zebrat_bullet.evaluation.axes import NOMINAL, disturbed, levels_of
+from zebrat_bullet.evaluation.axes import NOMINAL, disturbed, levels_of, nominal_of
 from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.judge import require_winnable_by
@@ -34,10 +34,10 @@ class RobustnessStudy:
 
     Attributes:
         agents: names, policy files or run folders.
-        axes: the levels of each axis; the level at which nothing is disturbed is driven once for all.
+        axes: the levels of each axis; that at which nothing is disturbed is driven once for all axes.
         worlds: names or files.
         episodes: of each agent in each world at each level; they begin alike for all.
-        supervised: under the supervisor of the real car.
+        supervised_m: margin of the supervisor that the commands go through; None: there is none.
         seed: of the episodes.
         workers: processes; None takes one a core.
         task: the task driven; limits, lidar and safety region of a policy are those that it was trained with.
@@ -48,7 +48,7 @@ class RobustnessStudy:
     axes: Mapping[str, tuple[float, ...]]
     worlds: tuple[str, ...]
     episodes: int
-    supervised: bool = False
+    supervised_m: float | None = None
     seed: int = 0
     workers: int | None = None
     task: TaskConfig
@@ -61,7 +61,7 @@ class RobustnessStudy:
                 disturbed(self.task, axis, level)
         if not self.agents or not self.worlds or not self.axes or self.episodes < 1:
             raise ConfigError("name at least 1 agent, 1 axis, 1 world and 1 episode")
-        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1))
+        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), supervised_m=(0.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class RobustnessRow:
     Attributes:
         agent: who drove.
         weights: `PolicyAgent.weights_digest`; empty for other agents.
-        supervised: 1 under the supervisor.
+        supervised: margin of the supervisor in m; empty where there was none.
         world: where.
         axis, level: what was disturbed how far, in the unit of the axis; "nominal" and 0: nothing.
         first: number of the first episode; they follow one another.
@@ -80,7 +80,7 @@ class RobustnessRow:
 
     agent: str
     weights: str
-    supervised: int
+    supervised: str
     world: str
     axis: str
     level: float
@@ -153,13 +153,16 @@ def _own_task(study: RobustnessStudy, agent: str) -> TaskConfig:
 
 def _rows(study: RobustnessStudy, agents: Mapping[str, Agent]) -> Iterator[RobustnessRow]:
     """Yield an empty row for each agent and world at each level, the undisturbed ones first."""
-    places = [(NOMINAL, 0.0), *((axis, level) for axis, levels in study.axes.items() for level in levels)]
+    given = [(axis, level) for axis, levels in study.axes.items() for level in levels]
+    far = [(axis, level) for axis, level in given if level != nominal_of(axis)]
+    places = far if len(far) == len(given) else [(NOMINAL, 0.0), *far]
+    margin = "" if study.supervised_m is None else f"{study.supervised_m:g}"
     for axis, level in places:
         for name, agent in agents.items():
             weights = agent.weights_digest if isinstance(agent, PolicyAgent) else ""
             for world in study.worlds:
                 yield RobustnessRow(
-                    agent=name, weights=weights, supervised=int(study.supervised), world=world, axis=axis, level=level,
+                    agent=name, weights=weights, supervised=margin, world=world, axis=axis, level=level,
                     first=0, episodes=0, success=0, collision=0, false_exit=0, timeout=0, stall=0,
                 )  # fmt: skip
 
@@ -205,9 +208,10 @@ def _drive(row: RobustnessRow, task: TaskConfig, seed: int) -> RobustnessRow:
 def _outcomes(row: RobustnessRow, task: TaskConfig, seed: int) -> Iterator[Outcome]:
     """Yield how each episode ended; where a planner finds no plan from where it believes to be, its car stands."""
     left = list(_numbers(row))
+    world, margin_m = _world(row.world, task.robot), float(row.supervised) if row.supervised else None
     while left:
         try:
-            for record in drive_episodes(row.agent, task, _world(row.world, task.robot), seed, tuple(left)):
+            for record in drive_episodes(row.agent, task, world, seed, tuple(left), supervised_m=margin_m):
                 yield Outcome(record.outcome)
                 left.pop(0)
         except PlanError:

@@ -58,13 +58,17 @@ def _counted(rows: Sequence[RobustnessRow]) -> dict[str, Any]:
 def _labels(rows: Sequence[RobustnessRow]) -> dict[RobustnessRow, str]:
     """Return what each row's agent is called; weights are named where a name alone would say two things."""
     weights: dict[str, set[str]] = {}
+    margins = {row.supervised for row in rows if row.supervised}
     for row in rows:
         weights.setdefault(row.agent, set()).add(row.weights)
     labels = {}
     for row in rows:
-        name = Path(row.agent).stem if "/" in row.agent and ":" not in row.agent else row.agent
-        several = len(weights[row.agent]) > 1
-        labels[row] = name + (f" {row.weights}" if several else "") + (", supervised" if row.supervised else "")
+        label = Path(row.agent).stem if "/" in row.agent and ":" not in row.agent else row.agent
+        if len(weights[row.agent]) > 1:
+            label += f" {row.weights}"
+        if row.supervised:
+            label += ", supervised" + (f" at {row.supervised} m" if len(margins) > 1 else "")
+        labels[row] = label
     return labels
 
 

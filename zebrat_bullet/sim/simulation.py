@@ -27,6 +27,8 @@ AS_BUILT = Dynamics()
 Touch = tuple[Any, ...]
 """A contact point as PyBullet's getContactPoints gives it."""
 
+_BRAKED_S = 1.0
+"""In this time a car stands, whatever it did before, with a command that comes late too."""
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
@@ -45,6 +47,7 @@ class Simulation:
         self.client_id = self._client.id
         self._mesh_lists = _MeshLists()
         self._world: World | None = None
+        self._asked = Command(0.0, 0.0)
         self._build(None)
 
     def _build(self, world: World | None) -> None:
@@ -154,22 +157,44 @@ class Simulation:
             self._n_driven += 1
             yield contacts()
 
+    def would_touch(self, command: Command) -> bool:
+        """Return whether the body would touch a wall during a control step of a command and the braking after it.
+
+        All is as before afterwards, to the last bit.
+
+        Raises:
+            ActionError: the command is not finite.
+        """
+        obeyed = self._asked, self._steering_rad, self._n_driven, self._late.copy()
+        saved = self._client.saveState()
+        stop = Command(0.0, command.steering_rad)
+        n_braking = math.ceil(_BRAKED_S / self._physics.control_step_s)
+        steps = (self.substeps(each) for each in (command, *[stop] * n_braking))
+        try:
+            return any(map(bool, chain.from_iterable(steps)))
+        finally:
+            self._client.restoreState(saved)
+            self._client.removeState(saved)
+            self._asked, self._steering_rad, self._n_driven, self._late = obeyed
+            self._drive()  # a state holds no motors
+
     def _obey(self, command: Command) -> None:
         """Set the motors to what the car makes of a command; a steering that lags sets out for it."""
         dynamics, most = self._dynamics, self._physics.max_steering_rad
         steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
         self._asked = Command(command.speed_mps * dynamics.speed, steering)
         if dynamics.steering_lag_s == 0.0:
-            self._drive(steering)
+            self._steering_rad = steering
+        self._drive()
 
     def _follow(self) -> None:
         """Bring a lagging steering nearer to what is asked of it, by what a physics step does."""
         kept = math.exp(-1.0 / (self._physics.rate_hz * self._dynamics.steering_lag_s))
         self._steering_rad = self._asked.steering_rad + kept * (self._steering_rad - self._asked.steering_rad)
-        self._drive(self._steering_rad)
+        self._drive()
 
-    def _drive(self, steering_rad: float) -> None:
-        targets = wheel_targets(Command(self._asked.speed_mps, steering_rad), self._robot)
+    def _drive(self) -> None:
+        targets = wheel_targets(Command(self._asked.speed_mps, self._steering_rad), self._robot)
         self._car.drive(targets, self._dynamics.acceleration, self._dynamics.steering_rate)
 
     def read(self, touches: list[Touch]) -> RobotState:
