@@ -39,7 +39,7 @@ def robustness(arguments: argparse.Namespace) -> Result:
         agents=tuple(arguments.agent),
         axes=axes,
         worlds=tuple(arguments.worlds or (_DEMONSTRATION if together else _GRID)),
-        episodes=arguments.episodes or (70 if together else 10),
+        episodes=arguments.episodes if arguments.episodes is not None else 70 if together else 10,
         supervised_m=arguments.supervised,
         seed=arguments.seed,
         workers=arguments.workers,
