@@ -1,4 +1,4 @@
-"""Each disturbance changes on the real PyBullet car what it should and nothing else, the same for the same seed."""
+"""Each disturbance changes on the real car of either engine what it should and nothing else, by the seed alone."""
 
 import math
 from collections.abc import Iterator
@@ -25,7 +25,8 @@ from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.dark_walls import DarkWalls
-from zebrat_bullet.sim.simulation import Simulation
+from zebrat_bullet.sim.base import CarSimulation
+from zebrat_bullet.sim.engine import make_simulation
 from zebrat_bullet.task.disturbances import Disturbances
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Command, Dynamics, Pose2, Reading
@@ -41,9 +42,11 @@ EVERYTHING = DisturbanceConfig(
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def sim(robot: RobotModel) -> Iterator[Simulation]:
-    simulation = Simulation(robot, PhysicsConfig())
+@pytest.fixture(scope="module", params=["bullet", "mujoco"])
+def sim(request: pytest.FixtureRequest, robot: RobotModel) -> Iterator[CarSimulation]:
+    if request.param == "mujoco":
+        pytest.importorskip("mujoco")
+    simulation = make_simulation(robot, PhysicsConfig(engine=request.param))
     yield simulation
     simulation.close()
 
@@ -54,7 +57,7 @@ def of(**settings: object) -> TaskConfig:
     return replace(TASK, disturbance=DisturbanceConfig(**ranges))  # type: ignore[arg-type]
 
 
-def driven(sim: Simulation, dynamics: Dynamics, commands: list[Command]) -> np.ndarray:
+def driven(sim: CarSimulation, dynamics: Dynamics, commands: list[Command]) -> np.ndarray:
     """Return (T + 1, 6) x, y, yaw, speed, steering and yaw rate."""
     states = [sim.reset(START, dynamics), *(sim.step(command) for command in commands)]
     return np.array([(*s.pose, s.speed_mps, s.steering_rad, s.yaw_rate_radps) for s in states])
@@ -81,7 +84,7 @@ LEFT = [Command(0.6, 0.0)] * 3 + [Command(0.6, 0.6)] * 5
 STILL = [Command(0.0, 0.0)]
 
 
-def test_slippery_tyres_brake_in_more_way_and_turn_wider(sim: Simulation) -> None:
+def test_slippery_tyres_brake_in_more_way_and_turn_wider(sim: CarSimulation) -> None:
     stop = [Command(0.6, 0.0)] * 10 + [Command(0.0, 0.0)] * 10
     way = {f: driven(sim, Dynamics(friction=f), stop)[-1, 0] for f in (0.02, 0.4, 1.0)}
     moving = {f: driven(sim, Dynamics(friction=f), stop)[10, 0] for f in way}
@@ -93,14 +96,14 @@ def test_slippery_tyres_brake_in_more_way_and_turn_wider(sim: Simulation) -> Non
     assert yaw[0.02] < 0.8 * yaw[1.0]
 
 
-def test_a_heavier_car_gathers_speed_more_slowly_and_keeps_its_end_speed(sim: Simulation) -> None:
+def test_a_heavier_car_gathers_speed_more_slowly_and_keeps_its_end_speed(sim: CarSimulation) -> None:
     rows = {m: driven(sim, Dynamics(mass=m), [Command(0.6, 0.0)] * 10) for m in (0.7, 1.0, 1.3, 4.0)}
     way = [rows[m][1, 0] for m in rows]
     assert way == sorted(way, reverse=True) and way[0] > way[-1] * 1.2
     assert all(rows[m][-1, 3] == pytest.approx(0.6, abs=0.01) for m in rows)
 
 
-def test_a_lagging_steering_comes_as_a_first_order_lag_does(sim: Simulation) -> None:
+def test_a_lagging_steering_comes_as_a_first_order_lag_does(sim: CarSimulation) -> None:
     lag = 0.4
     steering = driven(sim, Dynamics(steering_lag_s=lag), [Command(0.0, 0.5)] * 12)[:, 4]
     prompt = driven(sim, Dynamics(), [Command(0.0, 0.5)] * 12)[:, 4]
@@ -113,24 +116,35 @@ def test_a_lagging_steering_comes_as_a_first_order_lag_does(sim: Simulation) -> 
 
 
 @pytest.mark.parametrize("n", [1, 2])
-def test_a_car_late_by_control_steps_drives_the_same_so_much_later(sim: Simulation, n: int) -> None:
+def test_a_car_late_by_control_steps_drives_the_same_so_much_later(sim: CarSimulation, n: int) -> None:
     commands = [Command(0.6, 0.0), Command(0.6, 0.4), Command(0.2, -0.5), Command(-0.5, 0.3), Command(0.6, 0.1)]
     late = driven(sim, Dynamics(delay_s=0.2 * n), commands + STILL * n)
     assert np.abs(late[: n + 1, :3]).max() < 1e-3  # the physics itself lets a standing car creep by 0.1 mm
     assert late[n:] == pytest.approx(driven(sim, Dynamics(), commands), abs=2e-3)
 
 
-def test_a_delay_between_one_step_and_two_lies_between(sim: Simulation) -> None:
+def test_a_delay_between_one_step_and_two_lies_between(sim: CarSimulation) -> None:
     way = [driven(sim, Dynamics(delay_s=d), FORWARD)[-1, 0] for d in (0.2, 0.3, 0.4)]
     assert way[0] - way[1] == pytest.approx(0.06, abs=0.005) and way[1] - way[2] == pytest.approx(0.06, abs=0.005)
 
 
-def test_what_was_disturbed_leaves_no_trace_in_the_next_episode(sim: Simulation, robot: RobotModel) -> None:
-    fresh = Simulation(robot, PhysicsConfig())
+DISTURBED = Dynamics(friction=0.3, mass=1.7, steering_lag_s=0.3, delay_s=0.3)
+
+
+def test_what_was_disturbed_leaves_no_trace_in_the_next_episode(sim: CarSimulation, robot: RobotModel) -> None:
+    fresh = make_simulation(robot, sim._physics)
     before = driven(fresh, Dynamics(), LEFT)
     fresh.close()
-    driven(sim, Dynamics(friction=0.3, mass=1.7, steering_lag_s=0.3, delay_s=0.4), LEFT)
+    assert (driven(sim, DISTURBED, LEFT) != before).any()
     assert (driven(sim, Dynamics(), LEFT) == before).all()
+
+
+def test_a_look_at_what_a_command_would_do_leaves_no_trace_in_a_disturbed_car(sim: CarSimulation) -> None:
+    plain = driven(sim, DISTURBED, LEFT)
+    sim.reset(START, DISTURBED)
+    for row, command in zip(plain[1:], LEFT, strict=True):
+        assert not sim.would_touch(Command(-0.6, -0.6))
+        assert tuple(sim.step(command).pose) == tuple(row[:3])
 
 
 def test_noise_on_the_commands_moves_the_car_and_no_one_is_told() -> None:

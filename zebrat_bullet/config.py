@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 
+ENGINES = ("bullet", "mujoco")
+CASTERS = ("bullet", "embree", "mujoco")
 MOST_SEED = 2**31 - 1
 """Greatest seed of a run; its evaluations and their episodes draw from seeds beyond it."""
 
@@ -34,6 +36,8 @@ class PhysicsConfig:
     """How the physics is stepped.
 
     Attributes:
+        engine: "bullet" (PyBullet), or "mujoco", the second judge, which cuts each physics step into steps of at most
+            `sim.mujoco.model.TIMESTEP_S` and takes neither solver iterations nor contact breaking.
         control_step_s: time between two commands (paper: 0.2 s).
         rate_hz: physics steps a second; a control step must hold a whole number of them.
         solver_iterations: constraint solver iterations; 20 leave a speed error of 0.3 %.
@@ -42,6 +46,7 @@ class PhysicsConfig:
         max_speed_mps, max_steering_rad: limits of a command; commands beyond them are clipped.
     """
 
+    engine: str = "bullet"
     control_step_s: float = 0.2
     rate_hz: float = 120.0
     solver_iterations: int = 20
@@ -50,6 +55,7 @@ class PhysicsConfig:
     max_steering_rad: float = 0.6
 
     def __post_init__(self) -> None:
+        _require(self.engine in ENGINES, f"engine must be one of {', '.join(ENGINES)}, got {shown(self.engine)!r}")
         _require(self.control_step_s > 0 and self.rate_hz > 0, "control_step_s and rate_hz must be above 0")
         within(self, control_step_s=(0.001, 10.0), rate_hz=(0.1, 10_000.0), solver_iterations=(-math.inf, 1000))
         n = self.control_step_s * self.rate_hz
@@ -84,7 +90,8 @@ class LidarConfig:
         n_channels, n_bearings: beams above each other, and around.
         elevation_min_rad, elevation_max_rad: lowest and highest channel.
         range_max_m: reach.
-        caster: "bullet" (rayTestBatch) or "embree" (Open3D RaycastingScene).
+        caster: "bullet" (rayTestBatch) and "mujoco" (mj_multiRay) cast in the engine of that name, "embree" (Open3D
+            RaycastingScene) beside either.
         bearings: "all", or "region": a drive casts only the bearings that the safety region and the open-space rule
             look at, a tenth of them, while nobody asks for whole scans; what these two see is the same to the last bit.
     """
@@ -98,7 +105,7 @@ class LidarConfig:
     bearings: str = "all"
 
     def __post_init__(self) -> None:
-        _require(self.caster in ("bullet", "embree"), f"caster must be 'bullet' or 'embree', got {self.caster!r}")
+        _require(self.caster in CASTERS, f"caster must be one of {', '.join(CASTERS)}, got {shown(self.caster)!r}")
         _require(self.bearings in ("all", "region"), f"bearings must be 'all' or 'region', got {self.bearings!r}")
         _require(self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings")
         _require(
@@ -172,7 +179,7 @@ class DynamicsConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceConfig:
-    """What else disturbs an episode in PyBullet, drawn anew for each from its seed; nothing by default.
+    """What else disturbs an episode in PyBullet and MuJoCo, drawn anew for each from its seed; nothing by default.
 
     What concerns the lidar comes on top of `NoiseConfig`. Planar cars know none of this, and refuse it.
 
@@ -396,6 +403,12 @@ class TaskConfig:
     def guided(self) -> bool:
         """Whether reward or observation look at the world's waypoints."""
         return self.observation.waypoint or bool(self.reward.weights.get("W"))
+
+
+def with_engine(task: TaskConfig, engine: str) -> TaskConfig:
+    """Return the task in another engine, whose own ray caster stands in for that of the one before."""
+    caster = engine if task.lidar.caster in ENGINES else task.lidar.caster
+    return replace(task, physics=replace(task.physics, engine=engine), lidar=replace(task.lidar, caster=caster))
 
 
 _GUIDED_OBSERVATIONS = {

@@ -10,6 +10,8 @@ from zebrat_bullet.cli.common import (
     AddCommand,
     Result,
     agents_option,
+    engine_option,
+    of_engine,
     progress_bar,
     reward_options,
     supervised_option,
@@ -46,7 +48,8 @@ def robustness(arguments: argparse.Namespace) -> Result:
         task=replace(task, disturbance=replace(task.disturbance, **error)),
         settings=tuple(_settings(arguments)),
     )
-    out = arguments.out or Path("results") / ("robustness-everything" if together else "robustness")
+    name = "robustness-everything" if together else "robustness"
+    out = arguments.out or Path("results") / f"{name}{of_engine(arguments)}"
     with progress_bar(arguments) as bar:
         shown = bar.add_task("driving", total=None)
         rows = run_study(
@@ -74,7 +77,10 @@ def _settings(arguments: argparse.Namespace) -> list[str]:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(robustness, agents_option(), task_options(), reward_options(), workers_option(), supervised_option())
+    made = command(
+        robustness,
+        *(agents_option(), task_options(), reward_options(), workers_option(), supervised_option(), engine_option()),
+    )
     made.add_argument(
         "--axes",
         nargs="+",

@@ -1,4 +1,4 @@
-"""Success over each disturbance of car and senses, for every agent, in PyBullet: a table that survives a kill."""
+"""Success over each disturbance of car and senses, for every agent: a table that survives a kill."""
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence

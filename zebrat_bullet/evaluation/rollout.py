@@ -72,7 +72,7 @@ def drive_episodes(
     action_noise: float = 0.0,
     supervised_m: float | None = None,
 ) -> Iterator[EpisodeRecord]:
-    """Drive some episodes of an agent in one world in PyBullet, one after the other.
+    """Drive some episodes of an agent in one world, one after the other.
 
     Args:
         agent: its name, policy file or run folder.

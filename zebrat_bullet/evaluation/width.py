@@ -8,11 +8,11 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig, within
+from zebrat_bullet.config import TaskConfig, with_engine, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings
+from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.robot import load_robot
@@ -33,7 +33,7 @@ class WidthStudy:
         shapes: of `SHAPES`.
         widths_m: ascending.
         episodes: for each agent, shape, sense and width.
-        sim: "planar" or "bullet"; agents that are no policies are always driven in PyBullet.
+        sim: "planar", "bullet" or "mujoco"; where policies drive planar cars, other agents drive in PyBullet.
         seed: of the episodes in PyBullet; on planar cars they begin at a passage's own poses.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes; None takes one a core.
@@ -108,7 +108,8 @@ def run_study(
     """
     own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
-    claim_folder(folder, "widths", study.task, seed=study.seed, action_noise=study.action_noise)
+    task = with_engine(study.task, "bullet")  # the rows say what they were driven in
+    claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
     log = CsvLog(folder / "width.csv", COLUMNS)
     robot = load_robot(study.task.robot)
     courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
@@ -176,9 +177,10 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
     """Yield place and endings of each world."""
     if not worlds:
         return
-    if _sim(study, agent) == "bullet":
-        yield from bullet_endings(
-            name, study.task, worlds, study.episodes,
+    sim = _sim(study, agent)
+    if sim != "planar":
+        yield from engine_endings(
+            name, with_engine(study.task, sim), worlds, study.episodes,
             seed=study.seed, action_noise=study.action_noise, workers=study.workers,
         )  # fmt: skip
         return
@@ -190,7 +192,7 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
 
 
 def _sim(study: WidthStudy, agent: Agent) -> str:
-    return study.sim if isinstance(agent, PolicyAgent) else "bullet"
+    return study.sim if isinstance(agent, PolicyAgent) or study.sim != "planar" else "bullet"
 
 
 def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:

@@ -46,14 +46,14 @@ class Lidar:
         config: beams, reach and ray caster.
         noise: imperfections; its mount error moves the beams, while cloud and scan are read as if the URDF were right.
         flatten: height band of the scan.
-        client_id: PyBullet client of the simulation, whose walls, floor and ray filter the "bullet" caster uses.
+        client: of the simulation, whose walls and floor its engine's own caster looks at.
         watched: (W,) the bearings to which a sweep may be confined, by their scan indices; None for all.
 
     Attributes:
         caster: the ray caster, whose `trace` is the bare library call.
 
     Raises:
-        ConfigError: the "bullet" caster got no client.
+        ConfigError: an engine's caster got no client of that engine.
         RobotError: the lidar, where it is mounted, does not see walls beside the car.
     """
 
@@ -63,7 +63,7 @@ class Lidar:
         config: LidarConfig,
         noise: NoiseConfig,
         flatten: FlattenConfig,
-        client_id: int | None = None,
+        client: object = None,
         watched: NDArray[np.intp] | None = None,
     ) -> None:
         check_sight(robot, config, flatten)
@@ -77,7 +77,7 @@ class Lidar:
         self._watched = watched
         channels = np.arange(0, len(self._directions), config.n_bearings)
         self._watched_beams = None if watched is None else np.add.outer(channels, watched).ravel()
-        self.caster: RayCaster = make_caster(config.caster, self._directions, config.range_max_m, client_id)
+        self.caster: RayCaster = make_caster(config.caster, self._directions, config.range_max_m, client)
 
     def set_world(self, world: World) -> None:
         """Look at this world from now on."""

@@ -1,4 +1,4 @@
-"""What disturbs an episode in PyBullet: drawn once an episode, or as it goes on, from the episode's own seed alone."""
+"""What disturbs an episode in an engine: drawn once an episode, or as it goes on, from the episode's own seed alone."""
 
 import math
 from dataclasses import replace

@@ -11,7 +11,7 @@ from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
-from zebrat_bullet.sim.simulation import Simulation
+from zebrat_bullet.sim.engine import make_simulation
 from zebrat_bullet.task.disturbances import Disturbances
 from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, gates_of, open_lines
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
@@ -50,7 +50,8 @@ class Drive:
         believed: the same as the car's localisation knows it.
 
     Raises:
-        ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
+        ConfigError: the reward names an unknown term, or looks at waypoints and the world has none; or the engine is
+            not installed, or the ray caster is another engine's.
         RobotError: the URDF is none of a car, or its lidar sees no walls.
     """
 
@@ -62,12 +63,12 @@ class Drive:
         self.config = config
         self.world = world
         self.robot = load_robot(config.robot)
-        self.sim = Simulation(self.robot, config.physics)
+        self.sim = make_simulation(self.robot, config.physics)
         n = config.lidar.n_bearings
         self.region = make_region(self.robot, config.region, n)
         self._sides = list(side_bearings(n))
         watched = np.union1d(self.region.indices, self._sides) if config.lidar.bearings == "region" else None
-        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id, watched)
+        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client, watched)
         self._rules = EpisodeRules(config.episode, self.robot, np.zeros((1, 3)))
         self.state: RobotState
         self.believed: RobotState
