@@ -22,6 +22,7 @@ from zebrat_bullet.config import (
     with_reward,
 )
 from zebrat_bullet.config_text import with_overrides
+from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.robot.setup import FOOTPRINTS, named_robot
 
@@ -162,6 +163,21 @@ def noisy_options() -> argparse.ArgumentParser:
     """Return the option of noise on the commands."""
     made = argparse.ArgumentParser(add_help=False)
     made.add_argument("--action-noise", type=float, default=0.0, help="sigma on the commands, fraction of the limits")
+    return made
+
+
+def supervised_option() -> argparse.ArgumentParser:
+    """Return the option of a supervisor between agent and car."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--supervised",
+        nargs="?",
+        type=float,
+        const=MARGIN_M,
+        metavar="MARGIN_M",
+        help="commands go through the supervisor of the real car, which stops it before anything is nearer than this "
+        f"(default {MARGIN_M:g} m)",
+    )
     return made
 
 

@@ -21,6 +21,7 @@ from zebrat_bullet.cli.common import (
     randomise_option,
     reward_options,
     sim_option,
+    supervised_option,
     task_options,
     workers_option,
 )
@@ -77,6 +78,7 @@ def _evaluate_one(
         episodes=arguments.episodes,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
+        supervised_m=arguments.supervised,
         records=out / "records",
         workers=arguments.workers,
         task=task,
@@ -120,6 +122,7 @@ def replay(arguments: argparse.Namespace) -> Result:
 def video(arguments: argparse.Namespace) -> Result:
     """Drive one episode and write it as an MP4."""
     from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.agents.supervised import supervised
     from zebrat_bullet.evaluation.judge import require_winnable_by
     from zebrat_bullet.evaluation.rollout import run_episode
     from zebrat_bullet.robot import load_robot
@@ -132,6 +135,8 @@ def video(arguments: argparse.Namespace) -> Result:
     world = load_world(reference, robot=load_robot(task.robot))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     require_winnable_by(agent, world)
+    if arguments.supervised is not None:
+        agent = supervised(agent, task, arguments.supervised)
     drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
@@ -179,7 +184,7 @@ def add(command: AddCommand) -> None:
     made = command(
         evaluate,
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
-        *(sim_option(), workers_option(), place_options()),
+        *(sim_option(), workers_option(), place_options(), supervised_option()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
@@ -209,6 +214,7 @@ def add(command: AddCommand) -> None:
     made = command(
         video,
         *(engine_option(), task_options(), noisy_options(), randomise_option(), reward_options(), place_options()),
+        supervised_option(),
     )
     made.add_argument("--agent", default="shipped")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")

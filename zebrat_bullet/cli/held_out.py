@@ -98,6 +98,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         n_tracks=arguments.tracks,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
+        supervised_m=arguments.supervised,
         workers=_workers(arguments),
         task=tasks[arguments.agent[0]],
     )
@@ -125,6 +126,8 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
 
     if len(arguments.agent) != 1:
         raise ConfigError("--generated judges one agent at a time; name one")
+    if arguments.supervised is not None:
+        raise ConfigError("--generated drives planar cars, without whole scans for --supervised; leave one out")
     (agent,) = arguments.agent
     out = arguments.out or Path("results") / f"generated-{file_name(agent)}{of_engine(arguments)}"
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)

@@ -111,6 +111,7 @@ def engine_endings(
     *,
     seed: int = 0,
     action_noise: float = 0.0,
+    supervised_m: float | None = None,
     workers: int | None = None,
 ) -> Iterator[tuple[int, Endings]]:
     """Drive an agent's episodes in each world in the task's engine; yield place and endings of each that is done.
@@ -121,6 +122,7 @@ def engine_endings(
         episodes: in each world.
         seed: first part of every episode's seed; episode k of a world starts the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that the commands go through; None: there is none.
         workers: processes; None takes one a core.
 
     Raises:
@@ -131,7 +133,7 @@ def engine_endings(
         raise ConfigError(f"name at least 1 world and 1 episode in each, got {len(worlds)}, {episodes}")
     with worker_pool(workers, len(worlds)) as pool:
         jobs = {
-            pool.submit(_drive_world, agent, task, world, seed, episodes, action_noise): i
+            pool.submit(_drive_world, agent, task, world, seed, episodes, action_noise, supervised_m): i
             for i, world in enumerate(worlds)
         }
         for job in as_completed(jobs):
@@ -145,8 +147,16 @@ def in_order(found: Mapping[int, Endings]) -> Endings:
     return Endings(*(np.concatenate(part) for part in parts))
 
 
-def _drive_world(agent: str, task: TaskConfig, world: World, seed: int, episodes: int, action_noise: float) -> Endings:
-    records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise))
+def _drive_world(
+    agent: str,
+    task: TaskConfig,
+    world: World,
+    seed: int,
+    episodes: int,
+    action_noise: float,
+    supervised_m: float | None,
+) -> Endings:
+    records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise, supervised_m))
     outcome = np.array([[Outcome(record.outcome).code for record in records]], dtype=np.int8)
     time_s = np.array([[record.duration_s for record in records]])
     return Endings(outcome, time_s, np.array([[_n_reversals(record.command[:, 0]) for record in records]]))

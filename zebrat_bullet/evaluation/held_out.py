@@ -67,6 +67,7 @@ class SetJudgement:
         n_tracks: only so many, drawn from the seed; None takes all.
         seed: of that draw, and of the episodes in an engine; the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that the commands go through, not of planar cars; None: there is none.
         workers: processes.
         task: the task, with the car that the set is certified for.
     """
@@ -76,12 +77,15 @@ class SetJudgement:
     n_tracks: int | None = None
     seed: int = 0
     action_noise: float = 0.0
+    supervised_m: float | None = None
     workers: int = 1
     task: TaskConfig
 
     def __post_init__(self) -> None:
         if self.sim not in SIMULATORS:
             raise ConfigError(f"sim must be one of {', '.join(SIMULATORS)}, got {self.sim!r}")
+        if self.supervised_m is not None and self.sim == "planar":
+            raise ConfigError("planar cars have no whole scans for a supervisor; drive in PyBullet: --sim bullet")
 
 
 def judge_set(
@@ -150,6 +154,7 @@ def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable
         how.episodes,
         seed=how.seed,
         action_noise=how.action_noise,
+        supervised_m=how.supervised_m,
         workers=how.workers,
     )
     for i, endings in driven:

@@ -1,7 +1,5 @@
 """Success over the width of a passage: for every agent, shape of passage and sense of its turn."""
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -11,13 +9,12 @@ import numpy as np
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, with_engine, within
-from zebrat_bullet.config_text import from_plain, to_json
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
-from zebrat_bullet.files import read_json, refusing
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES, passage, senses
 from zebrat_bullet.world.world import World
@@ -111,7 +108,8 @@ def run_study(
     """
     own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
-    _claim(study, folder)
+    task = with_engine(study.task, "bullet")  # the rows say what they were driven in
+    claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
     log = CsvLog(folder / "width.csv", COLUMNS)
     robot = load_robot(study.task.robot)
     courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
@@ -198,10 +196,7 @@ def _sim(study: WidthStudy, agent: Agent) -> str:
 
 
 def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
-    weights = ""
-    if isinstance(agent, PolicyAgent):
-        arrays = (array for layer in agent.layers for array in layer)
-        weights = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]
+    weights = agent.weights_digest if isinstance(agent, PolicyAgent) else ""
     return WidthRow(
         agent=name, sim=_sim(study, agent), weights=weights, shape="", sense="", width_m=0.0,
         episodes=0, success=0, collision=0, false_exit=0, timeout=0, stall=0,
@@ -210,22 +205,3 @@ def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
 
 def _key(row: WidthRow) -> tuple[object, ...]:
     return row.agent, row.sim, row.weights, row.shape, row.sense, row.width_m
-
-
-def _claim(study: WidthStudy, folder: Path) -> None:
-    """Write what the rows of a folder have in common, or refuse a folder where it is something else."""
-    task = with_engine(study.task, "bullet")  # the rows say what they were driven in
-    task = replace(task, lidar=replace(task.lidar, caster="bullet"))  # each gives the same cloud
-    common = {"seed": study.seed, "action_noise": study.action_noise, "task": json.loads(to_json(task))}
-    path = folder / "study.json"
-    if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(common, indent=1))
-    then = read_json(path, ConfigError)
-    if not isinstance(then, dict):
-        raise ConfigError(f"{path}: holds no settings of a study; name another --out")
-    if isinstance(then.get("task"), dict):  # settings that came later are as by default
-        with refusing(path, ConfigError, "holds no settings of a study", "name another --out"):
-            then["task"] = json.loads(to_json(from_plain(TaskConfig, then["task"])))
-    if differing := [name for name in common if then.get(name) != common[name]]:
-        raise ConfigError(f"{folder} holds widths driven under another {', '.join(differing)}; name another --out")

@@ -2,7 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from itertools import chain
 from typing import Any, Protocol
 
@@ -22,11 +24,16 @@ AS_BUILT = Dynamics()
 Touch = tuple[Any, ...]
 """A contact point as the engine gives it."""
 
+_BRAKED_S = 1.0
+"""In this time a car stands, whatever it did before, with a command that comes late too."""
 _LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
 class EngineCar(Protocol):
     """The car in one engine."""
+
+    def load(self, mass: float, friction: float) -> None:
+        """Have the masses of the URDF times a factor, and the grip of its tyres times another, until the next call."""
 
     def reset(self, pose: Pose2) -> None:
         """Stand it still at `pose` with straight wheels, with no contact left from before."""
@@ -56,6 +63,7 @@ class CarSimulation(ABC):
         self._robot = robot
         self._physics = within_limits(physics, robot)
         self._world: World | None = None
+        self._asked, self._steering_rad = Command(0.0, 0.0), 0.0
 
     @abstractmethod
     def _build(self, world: World | None) -> None:
@@ -97,8 +105,11 @@ class CarSimulation(ABC):
             raise SimulationError(f"a start pose must be finite, got {pose}")
         self._dynamics = dynamics
         self._n_late = self._physics.steps_in(dynamics.delay_s)
+        self._late, self._n_driven = deque[tuple[int, Command]](), 0
+        self._car.load(dynamics.mass, dynamics.friction)
         self._car.reset(pose)
-        self._drive(Command(0.0, 0.0))
+        self._steering_rad = 0.0
+        self._obey(Command(0.0, 0.0))
         return self._car.read(contact=False, unseen_contact=False)
 
     def step(self, command: Command) -> RobotState:
@@ -113,25 +124,64 @@ class CarSimulation(ABC):
     def substeps(self, command: Command) -> Iterator[list[Touch]]:
         """Drive one control step, a physics step at a time; yields what the body touches after each.
 
+        A car that obeys late obeys the commands of earlier steps first.
+
         Raises:
             ActionError: the command is not finite; nothing was simulated.
         """
-        command = clip_command(command, self._physics)
+        self._late.append((self._n_driven + self._n_late, clip_command(command, self._physics)))
         step_physics, contacts = self._step_physics, self._wall_contacts
         for i in range(self._physics.n_substeps + 1):
-            if i == self._n_late:
-                self._drive(command)
+            if self._late and self._late[0][0] <= self._n_driven:
+                self._obey(self._late.popleft()[1])
             if i == self._physics.n_substeps:
                 return
+            if self._dynamics.steering_lag_s > 0.0:
+                self._follow()
             step_physics()
+            self._n_driven += 1
             yield contacts()
 
-    def _drive(self, command: Command) -> None:
-        """Set the motors to what the car makes of a command."""
+    def would_touch(self, command: Command) -> bool:
+        """Return whether the body would touch a wall during a control step of a command and the braking after it.
+
+        All is as before afterwards, to the last bit.
+
+        Raises:
+            ActionError: the command is not finite.
+        """
+        obeyed = self._asked, self._steering_rad, self._n_driven, self._late.copy()
+        stop = Command(0.0, command.steering_rad)
+        n_braking = math.ceil(_BRAKED_S / self._physics.control_step_s)
+        steps = (self.substeps(each) for each in (command, *[stop] * n_braking))
+        with self._undone():
+            touched = any(map(bool, chain.from_iterable(steps)))
+        self._asked, self._steering_rad, self._n_driven, self._late = obeyed
+        self._drive()  # motors are no part of the physics
+        return touched
+
+    @abstractmethod
+    def _undone(self) -> AbstractContextManager[None]:
+        """Have the physics as it is now again afterwards, to the last bit."""
+
+    def _obey(self, command: Command) -> None:
+        """Set the motors to what the car makes of a command; a steering that lags sets out for it."""
         dynamics, most = self._dynamics, self._physics.max_steering_rad
         steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
-        targets = wheel_targets(Command(command.speed_mps * dynamics.speed, steering), self._robot)
-        self._car.drive(targets, dynamics.acceleration, dynamics.steering_rate)
+        self._asked = Command(command.speed_mps * dynamics.speed, steering)
+        if dynamics.steering_lag_s == 0.0:
+            self._steering_rad = steering
+        self._drive()
+
+    def _follow(self) -> None:
+        """Bring a lagging steering nearer to what is asked of it, by what a physics step does."""
+        kept = math.exp(-1.0 / (self._physics.rate_hz * self._dynamics.steering_lag_s))
+        self._steering_rad = self._asked.steering_rad + kept * (self._steering_rad - self._asked.steering_rad)
+        self._drive()
+
+    def _drive(self) -> None:
+        targets = wheel_targets(Command(self._asked.speed_mps, self._steering_rad), self._robot)
+        self._car.drive(targets, self._dynamics.acceleration, self._dynamics.steering_rate)
 
     def read(self, touches: list[Touch]) -> RobotState:
         """Return the state now; `touches` are those since the control step began.

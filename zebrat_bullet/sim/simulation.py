@@ -1,6 +1,7 @@
 """The car in PyBullet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -81,6 +82,15 @@ class Simulation(CarSimulation):
         """Return what the body touches where it stands now; no time passes."""
         self._client.performCollisionDetection()
         return list(self._wall_contacts())
+
+    @contextmanager
+    def _undone(self) -> Iterator[None]:
+        saved = self._client.saveState()
+        try:
+            yield
+        finally:
+            self._client.restoreState(saved)
+            self._client.removeState(saved)
 
     @staticmethod
     def _touch_points(touches: list[Touch]) -> NDArray[np.float64]:

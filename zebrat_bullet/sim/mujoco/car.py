@@ -18,6 +18,11 @@ _SPRING, _DAMPER = 0.25, 0.5
 """Of a hinge's servo, as shares of what its inertia can bear in one step."""
 
 
+_AS_MASS = ("body_mass", "body_inertia", "body_subtreemass", "dof_M0")
+_AS_INVERSE = ("body_invweight0", "dof_invweight0")
+"""What of a model grows with the mass of every part, and with its inverse."""
+
+
 class MujocoCar:
     """The car of a scene."""
 
@@ -47,6 +52,15 @@ class MujocoCar:
         model.actuator_gainprm[2:, 0] = stiffness
         model.actuator_biasprm[2:, 2] = -stiffness
         self._targets, self._turn = (0.0, 0.0), 0.0
+        self._grips = np.flatnonzero(model.geom_priority == 1)  # the wheels
+        self._grip = model.geom_friction[self._grips, 0].copy()
+        self._masses = {name: getattr(model, name).copy() for name in (*_AS_MASS, *_AS_INVERSE)}
+
+    def load(self, mass: float, friction: float) -> None:
+        """Have the masses of the URDF times a factor, and the grip of its tyres times another, until the next call."""
+        for name, built in self._masses.items():
+            getattr(self._model, name)[:] = built * mass if name in _AS_MASS else built / mass
+        self._model.geom_friction[self._grips, 0] = friction * self._grip
 
     def reset(self, pose: Pose2) -> None:
         """Stand the car still at `pose` with straight wheels, with no contact left from before."""

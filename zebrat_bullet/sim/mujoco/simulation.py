@@ -1,5 +1,9 @@
 """The car in MuJoCo."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import copy
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +49,15 @@ class MujocoSimulation(CarSimulation):
         geoms = contact.geom
         at_wall = ((geoms >= walls.start) & (geoms < walls.stop)).any(axis=1)
         return [tuple(point) for point in contact.pos[at_wall].tolist()] if at_wall.any() else []
+
+    @contextmanager
+    def _undone(self) -> Iterator[None]:
+        model, data = self._scene.model, self._scene.data
+        saved = copy(data)
+        try:
+            yield
+        finally:
+            mujoco.mj_copyData(data, model, saved)
 
     @staticmethod
     def _touch_points(touches: list[Touch]) -> NDArray[np.float64]:
