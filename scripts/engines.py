@@ -3,6 +3,7 @@
 PYTHONPATH=. python scripts/engines.py motion > docs/results/mujoco/motion.json
 PYTHONPATH=. python scripts/engines.py speed > docs/results/mujoco/speed.json
 PYTHONPATH=. python scripts/engines.py success NAME=BULLET_SCORES,MUJOCO_SCORES ... > docs/results/mujoco/success.json
+PYTHONPATH=. python scripts/engines.py table docs/results/mujoco/success.json
 """
 
 import json
@@ -94,6 +95,26 @@ def success(pairs: list[str]) -> dict[str, object]:
     return result
 
 
+def table(file: str) -> str:
+    """Return success and mean time in s, PyBullet's and MuJoCo's, a row a world and a column an agent."""
+    agents = json.loads(Path(file).read_text())
+    worlds = list(next(iter(agents.values())))
+    rows = [f"| world | {' | '.join(agents)} |", "|---" * (len(agents) + 1) + "|"]
+    rows += [f"| {world} | {' | '.join(_cell(agents[name][world]) for name in agents)} |" for world in worlds]
+    every = [[_rate([at[world][engine] for world in worlds]) for engine in ENGINES] for at in agents.values()]
+    return "\n".join([*rows, f"| all | {' | '.join(' / '.join(rates) for rates in every)} |"])
+
+
+def _cell(at: dict[str, dict[str, float]]) -> str:
+    times = ["-" if each["time_s"] is None else f"{each['time_s']:.1f}" for each in at.values()]
+    return f"{' / '.join(_rate([each]) for each in at.values())}, {' / '.join(times)}"
+
+
+def _rate(ends: list[dict[str, float]]) -> str:
+    return f"{sum(end.get('success', 0) for end in ends):.0f} of {sum(end['episodes'] for end in ends):.0f}"
+
+
 if __name__ == "__main__":
     what, *rest = sys.argv[1:]
-    print(json.dumps(success(rest) if what == "success" else motion() if what == "motion" else speed()))
+    made = {"motion": lambda: motion(), "speed": lambda: speed(), "success": lambda: success(rest)}
+    print(table(rest[0]) if what == "table" else json.dumps(made[what]()))
