@@ -33,6 +33,7 @@ ORDER = [
 ]
 ALLOWED = {
     "pybullet": {"sim", "sensing", "bench"},
+    "mujoco": {"sim", "sensing"},
     "torch": {"training", "agents", "bench"},
     "stable_baselines3": {"training", "agents", "bench"},
     "open3d": {"sensing"},
@@ -85,7 +86,7 @@ def test_heavy_libraries_are_imported_only_where_they_belong(path):
 def test_importing_the_package_loads_nothing_heavy():
     code = (
         "import sys, zebrat_bullet; "
-        "heavy = ('pybullet', 'open3d', 'torch', 'stable_baselines3', 'vtk', 'matplotlib'); "
+        "heavy = ('pybullet', 'mujoco', 'open3d', 'torch', 'stable_baselines3', 'vtk', 'matplotlib'); "
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

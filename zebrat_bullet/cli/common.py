@@ -8,7 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from zebrat_bullet.config import FOOTPRINTS, RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
+from zebrat_bullet.config import (
+    CASTERS,
+    ENGINES,
+    FOOTPRINTS,
+    RANDOM_DYNAMICS,
+    REWARD_PRESETS,
+    VLP16_NOISE,
+    TaskConfig,
+    with_engine,
+    with_reward,
+)
 from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError, ZebratError
 
@@ -95,7 +105,11 @@ def name_robot(arguments: argparse.Namespace) -> None:
 def task_options() -> argparse.ArgumentParser:
     """Return the options of the senses."""
     made = argparse.ArgumentParser(add_help=False)
-    made.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
+    made.add_argument(
+        "--caster",
+        choices=CASTERS,
+        help="ray caster of the lidar: embree, or that of the engine, bullet or mujoco (default)",
+    )
     made.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
     return made
 
@@ -124,10 +138,18 @@ def sim_option() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(add_help=False)
     made.add_argument(
         "--sim",
-        choices=("planar", "bullet"),
+        choices=("planar", *ENGINES),
         default="planar",
-        help="what policies drive in (default planar); other agents drive in PyBullet only. `evaluate`: of --set",
+        help="what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo. `evaluate`: "
+        "planar goes with --set and --generated, and means PyBullet in --worlds",
     )
+    return made
+
+
+def engine_option() -> argparse.ArgumentParser:
+    """Return the option of the engine where planar cars do not drive."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--sim", choices=ENGINES, default="bullet", help="engine: PyBullet (default) or MuJoCo")
     return made
 
 
@@ -206,9 +228,18 @@ def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:
 
 
 def task_of(arguments: argparse.Namespace) -> TaskConfig:
-    """Return the task that the options describe."""
+    """Return the task that the options describe.
+
+    Raises:
+        ConfigError: its engine is not installed.
+    """
+    from zebrat_bullet.sim.engine import require_engine
+
     task = with_reward(TaskConfig(robot=arguments.robot or TaskConfig().robot), arguments.reward)
-    task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
+    engine = "mujoco" if getattr(arguments, "sim", "") == "mujoco" else task.physics.engine
+    require_engine(engine)
+    task = with_engine(task, engine)
+    task = replace(task, lidar=replace(task.lidar, caster=arguments.caster or task.lidar.caster))
     if getattr(arguments, "anywhere", False):
         task = replace(task, episode=replace(task.episode, start="anywhere"))
     if getattr(arguments, "randomise", False):
@@ -228,6 +259,11 @@ def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
     if differing:
         note(arguments, f"{agent} is judged under the task that it was trained on: {', '.join(differing)}")
     return with_overrides(task, [text.removeprefix("task.") for text in arguments.set_task])
+
+
+def of_engine(arguments: argparse.Namespace) -> str:
+    """Return what keeps the results of the second engine apart where --out is left out."""
+    return "-mujoco" if arguments.sim == "mujoco" else ""
 
 
 def file_name(agent: str) -> str:

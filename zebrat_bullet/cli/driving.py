@@ -10,8 +10,10 @@ from zebrat_bullet.cli.common import (
     AddCommand,
     Result,
     agents_option,
+    engine_option,
     file_name,
     noisy_options,
+    of_engine,
     own_task_of,
     place_options,
     placed,
@@ -47,13 +49,13 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         return evaluate_set(arguments)
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
-        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
+        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
         scores, table = _evaluate_one(arguments, agent, out, own_task_of(arguments, agent))
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
     tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
     for agent, task in tasks.items():
         load_agent(agent, task)  # a wrong name is told before hours of driving
-    out = arguments.out or Path("results") / "evaluate"
+    out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
     every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
     table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
@@ -138,7 +140,8 @@ def video(arguments: argparse.Namespace) -> Result:
     drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
-    arguments.out = arguments.out or Path("results") / f"{file_name(arguments.agent)}-{Path(arguments.world).stem}.mp4"
+    name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
+    arguments.out = arguments.out or Path("results") / name
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
@@ -189,7 +192,7 @@ def add(command: AddCommand) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
+        help="instead: N generated tracks that are never trained on, --episodes in each, in --sim",
     )
     made.add_argument(
         "--set",
@@ -210,7 +213,8 @@ def add(command: AddCommand) -> None:
 
     made = command(
         video,
-        *(task_options(), noisy_options(), randomise_option(), reward_options(), place_options(), supervised_option()),
+        *(engine_option(), task_options(), noisy_options(), randomise_option(), reward_options(), place_options()),
+        supervised_option(),
     )
     made.add_argument("--agent", default="shipped")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")

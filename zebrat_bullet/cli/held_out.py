@@ -12,6 +12,7 @@ from zebrat_bullet.cli.common import (
     PartialResultError,
     Result,
     file_name,
+    of_engine,
     own_task_of,
     progress_bar,
     workers_option,
@@ -112,7 +113,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             lambda agent, done, total: bar.update(shown, description=f"judging {agent}", completed=done, total=total),
             tasks,
         )
-    out = arguments.out or Path("results") / f"set-{tracks.name}"
+    out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
     out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
     (out / "scores.json").write_text(json.dumps(result))
@@ -121,7 +122,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
 
 
 def evaluate_generated(arguments: argparse.Namespace) -> Result:
-    """Judge one agent on generated tracks that were never trained on, with planar cars."""
+    """Judge one agent on generated tracks that were never trained on."""
     from zebrat_bullet.evaluation.generated import judge_generated
     from zebrat_bullet.world import HELD_OUT_SEED
 
@@ -130,10 +131,18 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
     if arguments.supervised is not None:
         raise ConfigError("--generated drives planar cars, without whole scans for --supervised; leave one out")
     (agent,) = arguments.agent
-    out = arguments.out or Path("results") / f"generated-{file_name(agent)}"
+    out = arguments.out or Path("results") / f"generated-{file_name(agent)}{of_engine(arguments)}"
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
-    task, noise = own_task_of(arguments, agent), arguments.action_noise
-    score = judge_generated(agent, seeds, arguments.episodes, task, action_noise=noise, workers=_workers(arguments))
+    score = judge_generated(
+        agent,
+        seeds,
+        arguments.episodes,
+        own_task_of(arguments, agent),
+        sim=arguments.sim,
+        seed=arguments.seed,
+        action_noise=arguments.action_noise,
+        workers=_workers(arguments),
+    )
     out.mkdir(parents=True, exist_ok=True)
     (out / "generated.json").write_text(json.dumps(score.as_dict()))
     low, high = score.success_ci

@@ -1,6 +1,6 @@
-"""How an agent's episodes end in worlds held in memory, many at once: on planar cars, or in PyBullet."""
+"""How an agent's episodes end in worlds held in memory, many at once: on planar cars, or in an engine."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import ENGINES, TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.planar_policy import cars_for
 from zebrat_bullet.evaluation.rollout import drive_episodes
@@ -19,7 +19,7 @@ from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
 from zebrat_bullet.world import World
 
-SIMULATORS = ("planar", "bullet")
+SIMULATORS = ("planar", *ENGINES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def planar_endings(
     return Endings(trial.outcome.reshape(shape), time_s.reshape(shape), trial.n_reversals.reshape(shape))
 
 
-def bullet_endings(
+def engine_endings(
     agent: str,
     task: TaskConfig,
     worlds: Sequence[World],
@@ -114,7 +114,7 @@ def bullet_endings(
     supervised_m: float | None = None,
     workers: int | None = None,
 ) -> Iterator[tuple[int, Endings]]:
-    """Drive an agent's episodes in each world in PyBullet; yield the place and the endings of a world once it is done.
+    """Drive an agent's episodes in each world in the task's engine; yield place and endings of each that is done.
 
     Args:
         agent: its name, policy file or run folder.
@@ -138,6 +138,13 @@ def bullet_endings(
         }
         for job in as_completed(jobs):
             yield jobs[job], job.result()
+
+
+def in_order(found: Mapping[int, Endings]) -> Endings:
+    """Return the endings of all worlds in one, by their places."""
+    each = [found[i] for i in sorted(found)]
+    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals"))
+    return Endings(*(np.concatenate(part) for part in parts))
 
 
 def _drive_world(

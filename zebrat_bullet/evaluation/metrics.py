@@ -56,6 +56,7 @@ class Score:
     time_s: float | None
     episodes: int
     caster: str
+    engine: str
     seed: int
     causes: dict[str, int]
     privileged: tuple[str, ...]
@@ -112,6 +113,7 @@ def score(records: Sequence[EpisodeRecord]) -> Score:
         time_s=sum(times) / len(times) if times else None,
         episodes=n,
         caster=records[0].caster,
+        engine=records[0].engine,
         seed=records[0].seed,
         causes=causes,
         privileged=records[0].privileged,

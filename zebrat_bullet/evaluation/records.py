@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.npz import load_npz, save_npz
 from zebrat_bullet.files import refusing
@@ -84,6 +86,11 @@ class EpisodeRecord:
     def duration_s(self) -> float:
         """Simulated length of the episode."""
         return float(self.time_s[-1])
+
+    @property
+    def engine(self) -> str:
+        """The engine that simulated it."""
+        return from_json(TaskConfig, self.task).physics.engine
 
     @property
     def min_gap_m(self) -> float:

@@ -72,7 +72,7 @@ def drive_episodes(
     action_noise: float = 0.0,
     supervised_m: float | None = None,
 ) -> Iterator[EpisodeRecord]:
-    """Drive some episodes of an agent in one world in PyBullet, one after the other.
+    """Drive some episodes of an agent in one world, one after the other.
 
     Args:
         agent: its name, policy file or run folder.
@@ -137,7 +137,7 @@ def _check_privileges(agent: Agent) -> None:
 def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
     given: dict[str, Any] = {}
     if "pose" in agent.privileged:
-        given["state"] = drive.state
+        given["state"] = drive.believed
     if "map" in agent.privileged:
         given["walls"] = drive.world.walls
     if "goal" in agent.privileged:
