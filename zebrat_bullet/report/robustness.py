@@ -126,10 +126,11 @@ def draw_robustness(summary: Mapping[str, Any], path: Path) -> None:
 
 def _draw_axis(axes: Axes, axis: str, of_axis: Mapping[str, Any], colours: Mapping[str, str]) -> None:
     axes.axvline(nominal_of(axis), color="#bbbbbb", linestyle=":", linewidth=1.0, zorder=0)
-    for label, levels in of_axis.items():
+    for i, (label, levels) in enumerate(of_axis.items()):
         at, rate, low, high = np.array([[each[k] for k in ("level", "rate", "low", "high")] for each in levels]).T
-        axes.fill_between(at, low, high, color=colours[label], alpha=0.13, linewidth=0)
-        axes.plot(at, rate, "o-", markersize=2.8, linewidth=1.4, color=colours[label])
+        axes.fill_between(at, low, high, color=colours[label], alpha=0.1, linewidth=0)
+        # Where lines lie on one another, those below stand out.
+        axes.plot(at, rate, "o-", markersize=2.8, linewidth=1.2 + 0.8 * (len(of_axis) - 1 - i), color=colours[label])
     axes.set(ylim=(-0.03, 1.03))
     axes.set_title(label_of(axis), fontsize=9)
     axes.tick_params(labelsize=8)
