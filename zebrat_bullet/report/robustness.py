@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from zebrat_bullet.evaluation.axes import AXIS_NAMES, EVERYTHING, NOMINAL, label_of, nominal_of
+from zebrat_bullet.evaluation.axes import AXIS_NAMES, EVERYTHING, NOMINAL, is_everything, label_of, nominal_of
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.robustness import RobustnessRow
 from zebrat_bullet.task.episode import OUTCOMES
@@ -28,7 +28,7 @@ def summarise(rows: Sequence[RobustnessRow]) -> dict[str, Any]:
     """
     labels = _labels(rows)
     summary: dict[str, Any] = {}
-    for axis in AXIS_NAMES:
+    for axis in dict.fromkeys((*AXIS_NAMES, *(row.axis for row in rows if row.axis != NOMINAL))):
         found: dict[str, dict[float, list[RobustnessRow]]] = {}
         for row in rows:
             if row.axis == axis:
@@ -91,9 +91,12 @@ def everything_table(summary: Mapping[str, Any]) -> str:
         "| agent | everything within | world | success | 95 % interval | contacts | other fails |",
         "|---|---|---|---|---|---|---|",
     ]
-    for label, levels in summary.get(EVERYTHING, {}).items():
+    everything = {axis: of_axis for axis, of_axis in summary.items() if is_everything(axis)}
+    for axis, label, levels in (
+        (axis, label, levels) for axis, at in everything.items() for label, levels in at.items()
+    ):
         for each in levels:
-            within = "nominal" if each["level"] == 0 else f"±{each['level']:.0%}"
+            within = "nominal" if each["level"] == 0 else f"±{each['level']:.0%}{axis.removeprefix(EVERYTHING)}"
             for world, at in (each["worlds"] | {"all": each}).items():
                 causes = at["causes"]
                 other = ", ".join(f"{causes[c]} {c}" for c in ("false_exit", "timeout", "stall") if causes[c]) or "-"
