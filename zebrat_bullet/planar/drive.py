@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import DisturbanceConfig, TaskConfig
+from zebrat_bullet.config import TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
@@ -91,7 +91,7 @@ class PlanarDrive:
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
-        _refuse_disturbed(task)
+        require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
         task = fitted(task)
@@ -260,15 +260,3 @@ class PlanarDrive:
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
         return self.sim.state() | self._rules.state() | own
-
-
-def _refuse_disturbed(task: TaskConfig) -> None:
-    asked, none = vars(task.disturbance), vars(DisturbanceConfig())
-    if unknown := [f"disturbance.{name}" for name in asked if asked[name] != none[name]]:
-        raise ConfigError(f"planar cars have no {', '.join(unknown)}; leave them out, or drive it in PyBullet")
-    step, delay = task.physics.control_step_s, task.dynamics.delay_s[1]
-    if delay > step:
-        raise ConfigError(
-            f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or "
-            "drive it in PyBullet"
-        )
