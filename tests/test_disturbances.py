@@ -29,6 +29,7 @@ from zebrat_bullet.sim.base import CarSimulation
 from zebrat_bullet.sim.engine import make_simulation
 from zebrat_bullet.task.disturbances import Disturbances
 from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.training.presets import TRAIN_PRESETS
 from zebrat_bullet.types import Command, Dynamics, Pose2, Reading
 from zebrat_bullet.world import load_world
 
@@ -321,6 +322,11 @@ def test_a_disturbance_that_cannot_be_is_refused_by_its_name(setting: str, said:
 def test_planar_cars_refuse_what_they_do_not_have(task: TaskConfig, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         PlanarDrive(task, [WORLD], 4)
+
+
+def test_a_training_on_planar_cars_refuses_it_before_it_draws_a_track() -> None:
+    with pytest.raises(ConfigError, match=r"planar cars have no disturbance\.mass"):
+        with_overrides(TRAIN_PRESETS["general"], ["task.disturbance.mass=[0.7,1.3]"])
 
 
 def test_settings_of_a_disturbance_go_to_text_and_back() -> None:

@@ -12,7 +12,7 @@ from zebrat_bullet.agents.policy import load_policy, save_policy
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import DisturbanceConfig, DynamicsConfig, LidarConfig, TaskConfig
 from zebrat_bullet.errors import AssetError, ConfigError, PlanError
-from zebrat_bullet.evaluation.axes import AXES, AXIS_NAMES, disturbed, nominal_of, parse_axes
+from zebrat_bullet.evaluation.axes import AXES, AXIS_NAMES, disturbed, everything_but, nominal_of, parse_axes
 from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.robustness import COLUMNS, RobustnessRow, RobustnessStudy, read_table, run_study
@@ -69,6 +69,17 @@ def test_everything_within_a_fifth_is_worked_out_by_hand() -> None:
         assert getattr(task.disturbance, name) == pytest.approx(between), name
     drawn = [f"disturbance.{n}" for n in vars(DisturbanceConfig()) if not n.startswith("pose")]
     assert set(different(task)) == {*drawn, *(f"dynamics.{name}" for name in vars(DynamicsConfig()))}
+
+
+def test_everything_but_some_of_it_draws_the_rest_alike() -> None:
+    axis = everything_but(["dark_walls", "speed"])
+    found, whole = (different(disturbed(TASK, name, 0.2)) for name in (axis, "everything"))
+    assert found == {k: v for k, v in whole.items() if k not in ("disturbance.dark_walls", "dynamics.speed")}
+    assert disturbed(TASK, axis, 0.0) == TASK and nominal_of(axis) == 0.0
+    table = everything_table(summarise([row(axis, 0.2, 9)]))
+    assert "| a | ±20% but dark_walls,speed | all | 9 of 10 |" in table
+    with pytest.raises(ConfigError, match="no axis 'grip'"):
+        everything_but(["grip"])
 
 
 @pytest.mark.parametrize(
@@ -224,6 +235,7 @@ def test_a_folder_from_before_a_setting_came_is_gone_on_with(tmp_path: Path) -> 
     ("options", "said"),
     [
         (["--axes", "mass", "--everything"], "--axes and --everything both say what is disturbed; give one"),
+        (["--but", "mass"], "--but leaves something out of --everything; give that too"),
         (["--axes", "grip"], "no axis 'grip'; there are range_noise"),
         (["--everything", "1.5"], "a level of everything is from 0 up to 1"),
         (["--set", "seed=3"], "--set takes settings as task.KEY=VALUE, got seed=3"),

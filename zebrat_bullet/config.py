@@ -418,6 +418,23 @@ def with_engine(task: TaskConfig, engine: str) -> TaskConfig:
     return replace(task, physics=replace(task.physics, engine=engine), lidar=replace(task.lidar, caster=caster))
 
 
+def require_planar_cars(task: TaskConfig) -> None:
+    """Refuse a task that disturbs what planar cars do not have.
+
+    Raises:
+        ConfigError: it does; the message names what.
+    """
+    asked, none = vars(task.disturbance), vars(DisturbanceConfig())
+    if unknown := [f"disturbance.{name}" for name in asked if asked[name] != none[name]]:
+        raise ConfigError(f"planar cars have no {', '.join(unknown)}; leave them out, or drive it in PyBullet")
+    step, delay = task.physics.control_step_s, task.dynamics.delay_s[1]
+    _require(
+        delay <= step,
+        f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or drive it "
+        "in PyBullet",
+    )
+
+
 _GUIDED_OBSERVATIONS = {
     "wg": ObservationConfig(waypoint=True),
     "wg_paper": ObservationConfig(last_command=False, waypoint=True),

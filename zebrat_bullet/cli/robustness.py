@@ -27,14 +27,20 @@ _DEMONSTRATION = ("real_1", "real_2", "real_3")
 
 def robustness(arguments: argparse.Namespace) -> Result:
     """Measure success over noise, lag, latency, friction, mass and more: table and figure; goes on after a kill."""
-    from zebrat_bullet.evaluation.axes import EVERYTHING, parse_axes
+    from zebrat_bullet.evaluation.axes import everything_but, parse_axes
     from zebrat_bullet.evaluation.robustness import RobustnessStudy, run_study
     from zebrat_bullet.report.robustness import draw_robustness, everything_table, robustness_table, summarise
 
     together = arguments.everything is not None
     if together and arguments.axes is not None:
         raise ConfigError("--axes and --everything both say what is disturbed; give one (--axes takes everything too)")
-    axes = {EVERYTHING: tuple(arguments.everything or (0.2,))} if together else parse_axes(_axes(arguments))
+    if arguments.but and not together:
+        raise ConfigError("--but leaves something out of --everything; give that too")
+    axes = (
+        {everything_but(arguments.but): tuple(arguments.everything or (0.2,))}
+        if together
+        else parse_axes(_axes(arguments))
+    )
     task = task_of(arguments)
     error = {"pose_sigma_m": arguments.pose_sigma_m, "pose_sigma_rad": math.radians(arguments.pose_sigma_deg)}
     study = RobustnessStudy(
@@ -96,6 +102,7 @@ def add(command: AddCommand) -> None:
         help="instead: all of it drawn at random for each episode, within so much of nominal (default 0.2), in real_1 "
         "to real_3, 70 episodes in each",
     )
+    made.add_argument("--but", nargs="+", default=[], metavar="AXIS", help="leave these out of --everything")
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help=f"(default: {' '.join(_GRID)})")
     made.add_argument("--episodes", type=int, help="in each world at each level (default 10)")
     made.add_argument(

@@ -1,6 +1,7 @@
 """What a car and its senses may differ in from what a policy knows: the axes of the robustness grid."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from zebrat_bullet.config import Range, TaskConfig
@@ -135,6 +136,23 @@ AXES = {
 EVERYTHING_LEVELS = (0.1, 0.2, 0.3, 0.5)
 EVERYTHING_LABEL = "all of it at random, part of the whole"
 AXIS_NAMES = (*AXES, EVERYTHING)
+_BUT = f"{EVERYTHING} but "
+
+
+def everything_but(left_out: Sequence[str]) -> str:
+    """Return the name of the axis that draws everything but some of it.
+
+    Raises:
+        ConfigError: there is no such axis to leave out.
+    """
+    for axis in left_out:
+        levels_of(axis)
+    return _BUT + ",".join(left_out) if left_out else EVERYTHING
+
+
+def is_everything(axis: str) -> bool:
+    """Return whether an axis is of many at once."""
+    return axis == EVERYTHING or axis.startswith(_BUT)
 
 
 def levels_of(axis: str) -> tuple[float, ...]:
@@ -143,7 +161,7 @@ def levels_of(axis: str) -> tuple[float, ...]:
     Raises:
         ConfigError: there is no such axis; the message lists those there are.
     """
-    if axis == EVERYTHING:
+    if is_everything(axis):
         return EVERYTHING_LEVELS
     if axis not in AXES:
         raise ConfigError(f"no axis {shown(axis)!r}; there are {', '.join(AXIS_NAMES)}")
@@ -152,16 +170,18 @@ def levels_of(axis: str) -> tuple[float, ...]:
 
 def nominal_of(axis: str) -> float:
     """Return the level of an axis at which nothing is disturbed."""
-    return 0.0 if axis == EVERYTHING else AXES[axis].nominal
+    return 0.0 if is_everything(axis) else AXES[axis].nominal
 
 
 def label_of(axis: str) -> str:
     """Return what a figure calls an axis, with the unit of its levels."""
-    return EVERYTHING_LABEL if axis == EVERYTHING else AXES[axis].label
+    if not is_everything(axis):
+        return AXES[axis].label
+    return EVERYTHING_LABEL + axis.removeprefix(EVERYTHING)
 
 
 def disturbed(task: TaskConfig, axis: str, level: float) -> TaskConfig:
-    """Return a task at a level of an axis; "everything" draws each axis within so much of its whole from nominal.
+    """Return a task at a level of an axis; "everything" draws each within so much of its whole from nominal.
 
     Raises:
         ConfigError: a level that cannot be; the message names it.
@@ -170,12 +190,13 @@ def disturbed(task: TaskConfig, axis: str, level: float) -> TaskConfig:
         raise ConfigError(f"a level of {axis} is a finite number, got {level}")
     if axis == NOMINAL:
         return task
-    if axis != EVERYTHING:
+    if not is_everything(axis):
         return AXES[axis].within(task, (level, level))
     if not 0.0 <= level < 1.0:
         raise ConfigError(f"a level of everything is from 0 up to 1, 1 not included, got {level:g}")
-    for each in AXES.values():
-        task = each.around(task, level)
+    left_out = axis.removeprefix(_BUT).split(",")
+    for name, each in AXES.items():
+        task = task if name in left_out else each.around(task, level)
     return task
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import DisturbanceConfig, Range, TaskConfig
+from zebrat_bullet.config import Range, TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.car import NEAR_M
 from zebrat_bullet.planar.simulation import PlanarSimulation
@@ -94,7 +94,7 @@ class PlanarDrive:
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
-        _refuse_disturbed(task)
+        require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
         task = fitted(task)
@@ -276,15 +276,3 @@ def _range_of(margin_m: float | Range) -> Range:
     if not 0.0 <= least <= most < NEAR_M:
         raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
     return least, most
-
-
-def _refuse_disturbed(task: TaskConfig) -> None:
-    asked, none = vars(task.disturbance), vars(DisturbanceConfig())
-    if unknown := [f"disturbance.{name}" for name in asked if asked[name] != none[name]]:
-        raise ConfigError(f"planar cars have no {', '.join(unknown)}; leave them out, or drive it in PyBullet")
-    step, delay = task.physics.control_step_s, task.dynamics.delay_s[1]
-    if delay > step:
-        raise ConfigError(
-            f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or "
-            "drive it in PyBullet"
-        )

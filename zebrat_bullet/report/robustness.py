@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from zebrat_bullet.evaluation.axes import AXIS_NAMES, EVERYTHING, NOMINAL, label_of, nominal_of
+from zebrat_bullet.evaluation.axes import AXIS_NAMES, EVERYTHING, NOMINAL, is_everything, label_of, nominal_of
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.robustness import RobustnessRow
 from zebrat_bullet.task.episode import OUTCOMES
@@ -28,7 +28,7 @@ def summarise(rows: Sequence[RobustnessRow]) -> dict[str, Any]:
     """
     labels = _labels(rows)
     summary: dict[str, Any] = {}
-    for axis in AXIS_NAMES:
+    for axis in dict.fromkeys((*AXIS_NAMES, *(row.axis for row in rows if row.axis != NOMINAL))):
         found: dict[str, dict[float, list[RobustnessRow]]] = {}
         for row in rows:
             if row.axis == axis:
@@ -91,9 +91,12 @@ def everything_table(summary: Mapping[str, Any]) -> str:
         "| agent | everything within | world | success | 95 % interval | contacts | other fails |",
         "|---|---|---|---|---|---|---|",
     ]
-    for label, levels in summary.get(EVERYTHING, {}).items():
+    everything = {axis: of_axis for axis, of_axis in summary.items() if is_everything(axis)}
+    for axis, label, levels in (
+        (axis, label, levels) for axis, at in everything.items() for label, levels in at.items()
+    ):
         for each in levels:
-            within = "nominal" if each["level"] == 0 else f"±{each['level']:.0%}"
+            within = "nominal" if each["level"] == 0 else f"±{each['level']:.0%}{axis.removeprefix(EVERYTHING)}"
             for world, at in (each["worlds"] | {"all": each}).items():
                 causes = at["causes"]
                 other = ", ".join(f"{causes[c]} {c}" for c in ("false_exit", "timeout", "stall") if causes[c]) or "-"
@@ -126,10 +129,11 @@ def draw_robustness(summary: Mapping[str, Any], path: Path) -> None:
 
 def _draw_axis(axes: Axes, axis: str, of_axis: Mapping[str, Any], colours: Mapping[str, str]) -> None:
     axes.axvline(nominal_of(axis), color="#bbbbbb", linestyle=":", linewidth=1.0, zorder=0)
-    for label, levels in of_axis.items():
+    for i, (label, levels) in enumerate(of_axis.items()):
         at, rate, low, high = np.array([[each[k] for k in ("level", "rate", "low", "high")] for each in levels]).T
-        axes.fill_between(at, low, high, color=colours[label], alpha=0.13, linewidth=0)
-        axes.plot(at, rate, "o-", markersize=2.8, linewidth=1.4, color=colours[label])
+        axes.fill_between(at, low, high, color=colours[label], alpha=0.1, linewidth=0)
+        # Where lines lie on one another, those below stand out.
+        axes.plot(at, rate, "o-", markersize=2.8, linewidth=1.2 + 0.8 * (len(of_axis) - 1 - i), color=colours[label])
     axes.set(ylim=(-0.03, 1.03))
     axes.set_title(label_of(axis), fontsize=9)
     axes.tick_params(labelsize=8)
