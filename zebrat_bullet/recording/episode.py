@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from zebrat_bullet.agents import Agent
+from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
-from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.sensing.lidar import Sweep
 from zebrat_bullet.task.drive import Drive, DriveStep
 from zebrat_bullet.types import Command, Pose2, Reading, RobotState

@@ -1,8 +1,7 @@
-"""What the car sensed, where it was and what it was told, as ROS messages: plain dictionaries; what is left out is 0."""
+"""What the car sensed, where it was and what it was told, as ROS messages: dictionaries; what is left out is 0."""
 
 import math
 from array import array
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from zebrat_bullet.types import Command, FlatScan, PointCloud, RobotState
 
 MAP, ODOM, BASE, LIDAR = "map", "odom", "base_link", "lidar"
 """Frames of a recording, each in the one before it (REP 105); the car's odometry is without error."""
-Message = Mapping[str, Any]
+Message = dict[str, Any]
 
 
 def cloud_message(cloud: PointCloud, n_channels: int, time_s: float) -> Message:

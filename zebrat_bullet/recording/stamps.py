@@ -1,4 +1,4 @@
-"""When the messages of a recording were sent: simulated time from a fixed day, so that an episode is always the same."""
+"""When the messages of a recording were sent: simulated time from a fixed day, so that the same is the same again."""
 
 EPOCH_S = 1_704_067_200
 """Begin of every episode: 2024-01-01 00:00 UTC."""
