@@ -41,6 +41,9 @@ def record(arguments: argparse.Namespace) -> Result:
         raise ConfigError(f"--set takes settings as task.KEY=VALUE, got {', '.join(arguments.set[:3])}")
     if arguments.out:
         check_mcap(arguments.out)
+    driven = (arguments.agent, arguments.world, arguments.episode)
+    if arguments.record and driven != (None, None, None):
+        raise ConfigError(f"{arguments.record} says itself who drove where; leave out --agent, --world and --episode")
     episode, world = _driven_again(arguments) if arguments.record else _driven(arguments)
     record = episode.record
     name = f"{file_name(record.agent)}-{world.name}-{record.episode}.mcap"
@@ -65,14 +68,15 @@ def _driven(arguments: argparse.Namespace) -> "tuple[WatchedEpisode, World]":
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.world import load_world
 
-    task = own_task_of(arguments, arguments.agent)
-    (reference,) = placed(arguments, [arguments.world])
+    name = arguments.agent or "shipped"
+    task = own_task_of(arguments, name)
+    (reference,) = placed(arguments, [arguments.world or "big_track"])
     world = load_world(reference, robot=load_robot(task.robot))
-    agent = load_agent(arguments.agent, task, arguments.action_noise)
+    agent = load_agent(name, task, arguments.action_noise)
     require_winnable_by(agent, world)
     if arguments.supervised is not None:
         agent = supervised(agent, task, arguments.supervised)
-    return watch_episode(task, world, agent, arguments.seed, arguments.episode), world
+    return watch_episode(task, world, agent, arguments.seed, arguments.episode or 0), world
 
 
 def _driven_again(arguments: argparse.Namespace) -> "tuple[WatchedEpisode, World]":
@@ -162,13 +166,15 @@ def _told(result: dict[str, Any]) -> str:
 
 def _check_packages() -> None:
     """Say what to install where the packages of recordings are missing."""
-    from importlib.util import find_spec
+    from importlib import import_module
 
-    missing = [name for name in _PACKAGES if find_spec(name) is None]
-    if missing:
-        raise ConfigError(
-            f"recordings need {', '.join(missing)}, not installed here: pip install 'zebrat-bullet[record]'"
-        )
+    for name in _PACKAGES:
+        try:
+            import_module(name)
+        except ModuleNotFoundError as error:
+            raise ConfigError(
+                f"recordings need {error.name}, which is not installed: pip install 'zebrat-bullet[record]'"
+            ) from error
 
 
 def bag_options(made: argparse.ArgumentParser) -> None:
@@ -215,7 +221,7 @@ def add(command: AddCommand) -> None:
     )
     made.set_defaults(robot=None)
     made.add_argument("record", nargs="?", type=Path, help="an .npz that `zebrat evaluate` wrote: drive it again")
-    made.add_argument("--agent", default="shipped")
+    made.add_argument("--agent", help="who drives (default shipped)")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
-    made.add_argument("--world", default="big_track")
-    made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
+    made.add_argument("--world", help="where (default big_track)")
+    made.add_argument("--episode", type=int, help="which episode of the seed (default 0)")

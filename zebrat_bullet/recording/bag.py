@@ -3,7 +3,6 @@
 What a file says of its messages' types is never made into code, and what is compressed is unpacked only up to a bound.
 """
 
-import bz2
 import heapq
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
@@ -12,22 +11,18 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
-import zstandard
 from rosbags import rosbag1, rosbag2
-from rosbags.rosbag1 import reader as rosbag1_reader
-from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from zebrat_bullet.errors import SensorError, ZebratError
 from zebrat_bullet.files import MB, is_file, read_yaml, refusing, require_file, shown
 from zebrat_bullet.recording.schemas import schema_text
+from zebrat_bullet.recording.unpack import bound_unpacking, unzstd
 
 MOST_BYTES = 64_000 * MB
 """Of a file; it is read piece by piece."""
-MOST_CHUNK_BYTES = 512 * MB
-"""Of a piece of a file, unpacked."""
 MOST_FILES = 1000
+_MOST_TIME_NS = 2**62
 CLOUD, SCAN, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 ACKERMANN, ACKERMANN_STAMPED = "ackermann_msgs/msg/AckermannDrive", "ackermann_msgs/msg/AckermannDriveStamped"
@@ -37,41 +32,7 @@ _SUFFIXES = (".mcap", ".db3", ".bag")
 _REMEDY = "record it again, or mend it with `mcap recover` or `ros2 bag convert`"
 
 
-def _unzstd(data: bytes, most_bytes: int) -> bytes:
-    """Unpack zstd up to a bound."""
-    unpacked = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(most_bytes + 1)
-    return _within(unpacked, most_bytes)
-
-
-def _unlz4(data: bytes, most_bytes: int) -> bytes:
-    """Unpack LZ4 frames up to a bound."""
-    return _within(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most_bytes + 1), most_bytes)
-
-
-def _unbz2(data: bytes, most_bytes: int) -> bytes:
-    """Unpack bzip2 up to a bound."""
-    return _within(bz2.BZ2Decompressor().decompress(data, most_bytes + 1), most_bytes)
-
-
-def _within(unpacked: bytes, most_bytes: int) -> bytes:
-    if len(unpacked) > most_bytes:
-        raise ValueError(f"a piece unpacks to more than the {most_bytes} bytes that it may")
-    return unpacked
-
-
-def _bound_unpacking() -> None:
-    """Give rosbags decompressors that stop: its own unpack whatever a file holds, and a few kB can be many GB."""
-
-    def declared(unpack: Callable[[bytes, int], bytes]) -> Callable[[bytes, int], bytes]:
-        return lambda data, size: unpack(data, min(size, MOST_CHUNK_BYTES))
-
-    storage_mcap.DECOMPRESSORS.update(zstd=declared(_unzstd), lz4=declared(_unlz4))
-    rosbag1_reader.decompressors.update(
-        bz2=lambda data: _unbz2(data, MOST_CHUNK_BYTES), lz4=lambda data: _unlz4(data, MOST_CHUNK_BYTES)
-    )
-
-
-_bound_unpacking()
+bound_unpacking()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +63,7 @@ class Bag:
     def __init__(self, path: Path) -> None:
         self._path = path
         files, packed = _files(path)
-        self._unpack = (lambda data: _unzstd(data, MOST_CHUNK_BYTES)) if packed else bytes
+        self._unpack: Callable[[bytes], bytes] = unzstd if packed else bytes
         self._stack = ExitStack()
         self._readers: list[Any] = []
         try:
@@ -142,6 +103,8 @@ class Bag:
         with refusing(self._path, ZebratError, "is no whole bag", _REMEDY):
             # A split bag's files follow each other; one that was mended may overlap.
             for topic, time_ns, data in heapq.merge(*parts, key=itemgetter(1)):
+                if not 0 <= time_ns < _MOST_TIME_NS:
+                    raise ValueError(f"a message of {shown(topic.name)} arrived {time_ns} ns after 1970")
                 yield topic, time_ns, self._unpack(data)
 
     @staticmethod

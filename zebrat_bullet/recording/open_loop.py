@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, islice
 from operator import itemgetter
 
 import numpy as np
@@ -23,6 +23,7 @@ from zebrat_bullet.types import Command, FlatScan, Reading
 _MOST_WAIT_S = 1.0
 """A command that comes later answers no scan."""
 _MOST_SCANS = 1_000_000
+_MOST_TOGETHER = 1000
 _NS = 1e-9
 
 
@@ -144,7 +145,12 @@ def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, read
 def _in_order(bag: Bag, topics: Topics) -> Iterator[tuple[Topic, int, bytes]]:
     """Yield the messages in the order of arrival; of those at one time, what was measured before what was commanded."""
     order = [each for each in (topics.odometry, topics.lidar, topics.command) if each is not None]
-    for _, together in groupby(bag.messages(order), key=itemgetter(1)):
+    for time_ns, group in groupby(bag.messages(order), key=itemgetter(1)):
+        together = list(islice(group, _MOST_TOGETHER + 1))
+        if len(together) > _MOST_TOGETHER:
+            raise ZebratError(
+                f"more than {_MOST_TOGETHER} messages arrived at one time, {time_ns} ns: the bag has no times"
+            )
         yield from sorted(together, key=lambda each: order.index(each[0]))
 
 
