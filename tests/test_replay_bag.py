@@ -38,7 +38,7 @@ def ours(tmp_path_factory):
 
 def open_loop(path, lidar="", command="", odometry="", agent="shipped", reader=None, policy=None):
     with Bag(path) as bag:
-        topics = choose_topics(bag.topics, lidar, command, odometry)
+        topics = choose_topics(bag, lidar, command, odometry)
         return run_open_loop(bag, topics, policy or load_agent(agent, task()), task(), reader)
 
 
@@ -83,7 +83,7 @@ def test_the_policy_that_drove_gives_the_recorded_commands_again(ours, lidar, co
 
 def test_cloud_and_ackermann_are_read_where_nothing_is_named(ours):
     with Bag(ours) as bag:
-        topics = choose_topics(bag.topics)
+        topics = choose_topics(bag)
     assert (topics.lidar.name, topics.command.name) == ("/points", "/command_ackermann")
     assert topics.odometry.name == "/odom"
 
@@ -340,7 +340,7 @@ def test_two_topics_that_it_could_be_are_listed_and_one_can_be_named(tmp_path):
 @pytest.mark.parametrize(("left", "said"), [(TWIST_STAMPED, "PointCloud2 or sensor_msgs"), (CLOUD, "AckermannDrive")])
 def test_a_bag_without_a_lidar_or_without_commands_lists_what_it_holds(left, said, tmp_path):
     sent = [each for each in users_drive(Messages()) if each[1] == left]
-    with pytest.raises(ConfigError, match=rf"no messages of .*{said}.* It holds: /"):
+    with pytest.raises(ConfigError, match=rf"bag: has no messages of .*{said}.* It holds: /"):
         open_loop(write_bag(tmp_path / "bag", Messages(), sent))
 
 

@@ -114,7 +114,7 @@ def replay_bag(arguments: argparse.Namespace) -> Result:
     )
     agent = load_agent(arguments.agent, task)
     with Bag(arguments.bag) as bag:
-        topics = choose_topics(bag.topics, arguments.lidar_topic, arguments.command_topic, arguments.odometry_topic)
+        topics = choose_topics(bag, arguments.lidar_topic, arguments.command_topic, arguments.odometry_topic)
         note(
             arguments,
             f"{topics.lidar} against {topics.command}; speed from {topics.odometry or 'the last command'}",

@@ -54,6 +54,7 @@ class Bag:
         path: an .mcap, .db3 or .bag file, or the folder that `ros2 bag record` makes.
 
     Attributes:
+        path: of the bag.
         topics: what it holds, by name and type.
 
     Raises:
@@ -61,7 +62,7 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         files, packed = _files(path)
         self._unpack: Callable[[bytes], bytes] = unzstd if packed else bytes
         self._stack = ExitStack()
@@ -100,7 +101,7 @@ class Bag:
         """
         wanted = {(topic.name, topic.kind): topic for topic in topics}
         parts = [self._part(reader, wanted) for reader in self._readers]
-        with refusing(self._path, ZebratError, "is no whole bag", _REMEDY):
+        with refusing(self.path, ZebratError, "is no whole bag", _REMEDY):
             # A split bag's files follow each other; one that was mended may overlap.
             for topic, time_ns, data in heapq.merge(*parts, key=itemgetter(1)):
                 if not 0 <= time_ns < _MOST_TIME_NS:

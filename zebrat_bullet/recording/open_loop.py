@@ -12,6 +12,7 @@ from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, SensorError, ZebratError
+from zebrat_bullet.files import shown
 from zebrat_bullet.recording.bag import CLOUD, Bag, Topic
 from zebrat_bullet.recording.heard import Heard
 from zebrat_bullet.recording.senses import Eyes, Mount
@@ -127,7 +128,7 @@ def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, read
             continue
         times_ns.append(time_ns)
         if len(times_ns) > _MOST_SCANS:
-            raise ZebratError(f"the bag holds more than {_MOST_SCANS:,} scans; cut it")
+            raise ZebratError(f"{shown(bag.path)}: holds more than {_MOST_SCANS:,} scans; cut it")
         time_s = (time_ns - times_ns[0]) * _NS
         try:
             scan = _see(eyes, bag, topic, data)
@@ -137,7 +138,10 @@ def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, read
         reading = Reading(scan, region.measure(scan), heard.last, heard.speed_mps, time_s)
         answers.append(Answer(time_s, agent.act(reading)))
     if answers and all(answer.refusal for answer in answers):
-        raise ZebratError(f"none of the {len(answers)} messages of {topics.lidar} can be used: {answers[0].refusal}")
+        raise ZebratError(
+            f"{shown(bag.path)}: none of the {len(answers)} messages of {topics.lidar} can be used: "
+            f"{answers[0].refusal}"
+        )
     _pair(answers, times_ns, heard, reader.delay_s)
     return OpenLoop(answers=answers, n_unusable=heard.n_unusable, frame=eyes.frame)
 
@@ -149,7 +153,7 @@ def _in_order(bag: Bag, topics: Topics) -> Iterator[tuple[Topic, int, bytes]]:
         together = list(islice(group, _MOST_TOGETHER + 1))
         if len(together) > _MOST_TOGETHER:
             raise ZebratError(
-                f"more than {_MOST_TOGETHER} messages arrived at one time, {time_ns} ns: the bag has no times"
+                f"{shown(bag.path)}: more than {_MOST_TOGETHER} of its messages arrived at one time, {time_ns} ns"
             )
         yield from sorted(together, key=lambda each: order.index(each[0]))
 

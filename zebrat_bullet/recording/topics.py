@@ -13,6 +13,7 @@ from zebrat_bullet.recording.bag import (
     SCAN,
     TWIST,
     TWIST_STAMPED,
+    Bag,
     Topic,
 )
 
@@ -31,26 +32,27 @@ class Topics:
     odometry: Topic | None
 
 
-def choose_topics(topics: Sequence[Topic], lidar: str = "", command: str = "", odometry: str = "") -> Topics:
+def choose_topics(bag: Bag, lidar: str = "", command: str = "", odometry: str = "") -> Topics:
     """Return the topics of these names, or, where a name is empty, the only one of its kind.
 
     Raises:
         ConfigError: there is none or more than one, or it is of another type; the message lists what there is.
     """
-    alone = [topic for topic in topics if topic.kind == ODOMETRY and topic.count]
+    alone = [topic for topic in bag.topics if topic.kind == ODOMETRY and topic.count]
     speeds = None
     if odometry:
-        speeds = _choose(topics, ((ODOMETRY,),), odometry, "--odometry-topic")
+        speeds = _choose(bag, ((ODOMETRY,),), odometry, "--odometry-topic")
     elif len(alone) == 1:
         speeds = alone[0]
     return Topics(
-        _choose(topics, _LIDAR, lidar, "--lidar-topic"),
-        _choose(topics, _COMMAND, command, "--command-topic"),
+        _choose(bag, _LIDAR, lidar, "--lidar-topic"),
+        _choose(bag, _COMMAND, command, "--command-topic"),
         speeds,
     )
 
 
-def _choose(topics: Sequence[Topic], kinds: tuple[tuple[str, ...], ...], name: str, option: str) -> Topic:
+def _choose(bag: Bag, kinds: tuple[tuple[str, ...], ...], name: str, option: str) -> Topic:
+    topics, where = bag.topics, shown(bag.path)
     every = [kind for group in kinds for kind in group]
     if name:
         named = [topic for topic in topics if topic.name.lstrip("/") == name.lstrip("/")]
@@ -59,7 +61,7 @@ def _choose(topics: Sequence[Topic], kinds: tuple[tuple[str, ...], ...], name: s
             return fitting[0]
         what = f"is {', '.join(map(str, named))}" if named else "is not in the bag"
         raise ConfigError(
-            f"{option} {shown(name)} {what}; it must have messages of {' or '.join(every)}. {_list(topics)}"
+            f"{where}: {option} {shown(name)} {what}; it must have messages of {' or '.join(every)}. {_list(topics)}"
         )
     for group in kinds:
         found = [topic for topic in topics if topic.kind in group and topic.count]
@@ -67,10 +69,10 @@ def _choose(topics: Sequence[Topic], kinds: tuple[tuple[str, ...], ...], name: s
             return found[0]
         if found:
             raise ConfigError(
-                f"the bag has {len(found)} topics that it could be: {', '.join(map(str, found))}; name one: "
+                f"{where}: has {len(found)} topics that it could be: {', '.join(map(str, found))}; name one: "
                 f"{option} {shown(found[0].name)}"
             )
-    raise ConfigError(f"the bag has no messages of {' or '.join(every)}. {_list(topics)}")
+    raise ConfigError(f"{where}: has no messages of {' or '.join(every)}. {_list(topics)}")
 
 
 def _list(topics: Sequence[Topic]) -> str:
