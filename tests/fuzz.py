@@ -6,6 +6,7 @@ The suite runs a few of each door (test_fuzz.py); by hand, for hours or until so
 """
 
 import argparse
+import hashlib
 import json
 import random
 import shutil
@@ -32,6 +33,8 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
 from zebrat_bullet.config_text import read_config, with_settings_of
+from zebrat_bullet.deploy import Driver
+from zebrat_bullet.deploy.network import Network
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
@@ -177,6 +180,21 @@ def _policy(folder: Path) -> None:
     _copy(asset_folder("policies") / "shipped.safetensors", folder)
 
 
+def _exported(folder: Path) -> None:
+    from zebrat_bullet.agents.export import export_policy
+
+    export_policy("shipped", folder)
+
+
+def _drive_by(path: Path) -> None:
+    Driver.load(path.parent).drive_scan(np.ones(360, np.float32))
+
+
+def _network(path: Path) -> None:
+    """Load a network as if its hash were right."""
+    Network(path, 66, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
 def _record(folder: Path) -> None:
     from zebrat_bullet.evaluation.records import save_record
 
@@ -300,6 +318,8 @@ DOORS = {
         load_robot,
     ),
     "policy": Door(_policy, "shipped.safetensors", _TENSORS, _policy_of),
+    "definition": Door(_exported, "policy.json", _JSON, _drive_by),
+    "network": Door(_exported, "policy.onnx", [m.some_bytes], _network),
     "record": Door(_record, "record.npz", _NPZ, load_record),
     "mcap": Door(partial(_bag, "mcap"), "drive.mcap", [m.some_bytes], _ask),
     "db3": Door(partial(_bag, "sqlite3"), "drive.db3", [m.some_bytes], _ask),

@@ -40,8 +40,12 @@ ALLOWED = {
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
     **{name: {"recording"} for name in ("mcap", "mcap_ros2", "rosbags", "lz4", "zstandard")},
-    **{name: {"ros"} for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs")},
-    "ackermann_msgs": {"ros"},
+    **{
+        name: {"ros"}
+        for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
+    },
+    "onnx": {"agents"},
+    "onnxruntime": {"deploy"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

@@ -19,12 +19,12 @@ _CARD = """\
 | for | the car `{car}`: wheelbase {wheelbase:.3g} m, lidar at ({lidar}) m from the middle of its body, on the floor; \
 another needs a policy of its own |
 
-`{model}` is the network, `{definition}` says to the last number what goes in and comes out (SI units; x forward, y and \
-bearings to the left; bearing index 0 straight back). SHA-256 of the network: `{sha256}`.
+`{model}` is the network, `{definition}` says to the last number what goes in and comes out (SI units; x forward, y \
+and bearings to the left; bearing index 0 straight back). SHA-256 of the network: `{sha256}`.
 
 ## How to run it
 
-`pip install --no-deps zebrat-bullet && pip install numpy onnxruntime`, then, every {step:g} s:
+`pip install numpy onnxruntime && pip install --no-deps zebrat-bullet`, then, every {step:g} s:
 
 ```python
 from zebrat_bullet.deploy import Driver

@@ -1,6 +1,7 @@
 """The network of a policy as ONNX, head included: observations in, actions in [-1, 1] out."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ def onnx_of(agent: PolicyAgent) -> bytes:
     return data
 
 
-_Node = tuple[str, Sequence[str], Sequence[str], dict[str, int]]
+_Node = tuple[str, Sequence[str], Sequence[str], dict[str, Any]]
 
 
 class _Nodes:

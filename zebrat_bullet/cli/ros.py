@@ -45,8 +45,9 @@ def _sim(arguments: argparse.Namespace) -> Result:
         wait_s=arguments.wait,
     )
     return made, (
-        f"{made['world']}: {made['outcome']} after {made['time_s']:.1f} s; {made['braked']} of {made['steps']} steps "
-        f"braked for want of a fresh command; from scan to command {_shown_ms(made['latency_ms'])}"
+        f"{made['world']}: {made['outcome']} after {made['time_s']:.1f} s; of {made['steps']} scans "
+        f"{made['unanswered']} were not answered within their step, {made['braked']} steps braked for want of a fresh "
+        f"command; from scan to command {_shown_ms(made['latency_ms'])}"
     )
 
 

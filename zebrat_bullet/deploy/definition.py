@@ -16,6 +16,7 @@ FORMAT = "zebrat-deploy-1"
 DEFINITION_FILE, MODEL_FILE = "policy.json", "policy.onnx"
 REMEDY = "export the policy again with `zebrat export`"
 _MB = 1_000_000
+_KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
 _LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -86,7 +87,8 @@ class Definition:
     def data(self) -> dict[str, Any]:
         """Return what `policy.json` holds; what follows from the rest is written out, for other programs."""
         bearings = beam_bearings(self.n_bearings)[list(self.indices)]
-        unit_mps, unit_rad = (1.0, 1.0) if self.actions.raw else tuple(map(float, self.actions.limits))
+        limit_mps, limit_rad = self.observation.max_speed_mps, self.observation.max_steering_rad
+        unit_mps, unit_rad = (1.0, 1.0) if self.actions.raw else (limit_mps, limit_rad)
         return {
             "format": FORMAT,
             "name": self.name,
@@ -114,8 +116,8 @@ class Definition:
             "observation": asdict(self.observation) | {"parts": self._parts()},
             "action": {
                 "parts": [
-                    {"what": "speed", "unit": "m/s", "times": unit_mps, "limit": self.observation.max_speed_mps},
-                    {"what": "steering", "unit": "rad", "times": unit_rad, "limit": self.observation.max_steering_rad},
+                    {"what": "speed", "unit": "m/s", "times": unit_mps, "limit": limit_mps},
+                    {"what": "steering", "unit": "rad", "times": unit_rad, "limit": limit_rad},
                 ]
             },
         }
@@ -196,7 +198,7 @@ def _typed(kind: Any, value: Any, where: str) -> Any:
         return tuple(_typed(inner[0], item, where) for item in value)
     whole = kind is float and type(value) is int
     if (type(value) is not kind and not whole) or (kind is float and not abs(value) < 1e9):
-        raise ValueError(f"{where} is a finite {kind.__name__}, got {shown(repr(value))}")
+        raise ValueError(f"{where} must be {_KINDS[kind]}, got {shown(repr(value))}")
     return float(value) if whole else value
 
 

@@ -36,7 +36,7 @@ class Network:
         except ImportError as error:
             raise PolicyError(
                 "an exported policy runs with ONNX Runtime, which is not installed: pip install 'zebrat-bullet[deploy]'"
-                " (on a robot: pip install numpy onnxruntime)"
+                " (on a robot: pip install onnxruntime)"
             ) from error
         data = read_bytes(path, PolicyError, MOST_BYTES)
         with refusing(path, PolicyError, "is not the network that policy.json names", REMEDY):

@@ -1,6 +1,7 @@
 """Stands between any driver and the wheels, and stops the car before it touches what its lidar shows."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,10 @@ STEERING_LAG_S = 0.08
 """Time constant of PyBullet's steering: each physics step of 1/120 s closes a tenth of its error."""
 _SAME_M = 1e-4
 _LEAST_BEARINGS = 8
+_COARSE = 6
 _HERE = np.zeros((1, 3))
 _SIDES = ("behind", "behind-right", "right", "ahead-right", "ahead", "ahead-left", "left", "behind-left")
+_WAYS = ("ahead left", "ahead straight", "ahead right", "back left", "back straight", "back right")
 
 
 class Supervisor:
@@ -30,8 +33,8 @@ class Supervisor:
     from where it stands to where it is told, once at its rate and once with a servo's lag, and both paths count. The
     least gap between the outline and all returns of the scan, at poses 1 cm apart, is the clearance of the path.
 
-    **What is refused.** A command whose path's clearance is less than the margin, and less than that of stopping at
-    once. So a car within the margin, or in contact, may do all that brings it no nearer: back away, drive off, or on
+    **What is refused.** A command with a path whose clearance is less than the margin, and less than that of stopping
+    at once. So a car within the margin, or in contact, may do all that brings it no nearer: back away, drive off, or on
     along a wall.
 
     **What a stop is.** Speed 0, and the wheels turn to the command's steering where braking with them so comes no
@@ -151,32 +154,31 @@ class Supervisor:
 
     def _judge(self, command: Command, scan: FlatScan, age_s: float) -> Decision:
         points = scan_points(scan, self.car)
-        path = self._path(command, age_s)
-        gaps, near = self._gaps(points, path)
-        least = float(gaps.min(initial=math.inf))
-        if least >= self.margin_m:
+        path = self._paths(command, age_s)
+        gaps, near = self._gaps(points, np.concatenate(path))
+        least = np.array([part.min(initial=math.inf) for part in np.split(gaps, [len(path[0])])])
+        if least.min() >= self.margin_m:
             return Decision(command)
         stops = [Command(0.0, steering) for steering in (command.steering_rad, self._last.steering_rad)]
-        rooms = [self._room(points, self._path(stop, age_s)) for stop in stops]
-        if least >= max(rooms) - _SAME_M:
+        rooms = np.minimum(self._rooms(points, stops, age_s), self.margin_m)
+        best = 0 if rooms[0].min() >= rooms[1].min() - _SAME_M else 1
+        if (least >= rooms[best] - _SAME_M).all():
             return Decision(command)
-        stop = stops[0] if rooms[0] >= min(self.margin_m, rooms[1]) - _SAME_M else stops[1]
-        k = int(gaps.min(axis=0).argmin())
+        nearest = near[gaps.min(axis=0).argmin()]
         first = int((gaps < self.margin_m).any(axis=1).argmax())
-        return Decision(stop, self._reason(path[first, 3], least, near[k]) + self._advice(points, age_s))
+        reason = self._reason(np.concatenate(path)[first, 3], float(least.min()), nearest)
+        return Decision(stops[best], reason + self._advice(points, age_s))
 
-    def _path(self, command: Command, age_s: float) -> NDArray[np.float64]:
-        """Return (T, 4) the poses of a command and of braking after it, of both ways in which the steering may turn."""
+    def _paths(self, command: Command, age_s: float) -> list[NDArray[np.float64]]:
+        """Return the (T, 4) poses of a command and of braking after it, for each way in which the steering may turn."""
         brake = (math.inf, Command(0.0, command.steering_rad))
         phases = [(age_s + self.delay_s, self._last), (self.control_step_s, command), brake]
         if command.speed_mps == 0.0:
             del phases[1]
-        return np.concatenate(
-            [
-                motion(self.car, self._speed_mps, steering, phases, lag)[0]
-                for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
-            ]
-        )
+        return [
+            motion(self.car, self._speed_mps, steering, phases, lag)[0]
+            for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
+        ]
 
     def _gaps(
         self, points: NDArray[np.float64], path: NDArray[np.float64]
@@ -186,8 +188,17 @@ class Supervisor:
         near = points[now < self.margin_m + self._outline.moved_m(path, self.margin_m)]
         return self._outline.gaps(near, path), near
 
-    def _room(self, points: NDArray[np.float64], path: NDArray[np.float64]) -> float:
-        return float(self._gaps(points, path)[0].min(initial=math.inf))
+    def _rooms(
+        self, points: NDArray[np.float64], commands: Sequence[Command], age_s: float, every: int = 1
+    ) -> NDArray[np.float64]:
+        """Return (C, 2) the clearance of both paths of each command, exact where it is less than the margin.
+
+        Of each path one pose in `every` is looked at.
+        """
+        paths = [path[::-every] for command in commands for path in self._paths(command, age_s)]
+        least = self._gaps(points, np.concatenate(paths))[0].min(axis=1, initial=math.inf)
+        begin = np.cumsum([0, *map(len, paths[:-1])])
+        return np.minimum.reduceat(least, begin).reshape(-1, 2)
 
     def _reason(self, time_s: float, least_m: float, point: NDArray[np.float64]) -> str:
         """Return where and when a command comes too near."""
@@ -203,13 +214,11 @@ class Supervisor:
         return _SIDES[round((bearing + math.pi) / (math.pi / 4.0)) % len(_SIDES)]
 
     def _advice(self, points: NDArray[np.float64], age_s: float) -> str:
-        """Return which ways the car could go."""
+        """Return which ways the car could go, looked at coarsely: each is checked when it is commanded."""
         speed, lock = self.car.max_speed_mps, self.car.max_steering_rad
-        free = []
-        for name, sign in (("ahead", 1.0), ("back", -1.0)):
-            for way, steering in (("left", lock), ("straight", 0.0), ("right", -lock)):
-                if self._room(points, self._path(Command(sign * speed, steering), age_s)) >= self.margin_m:
-                    free.append(f"{name} {way}")
+        ways = [(speed * sign, steering) for sign in (1.0, -1.0) for steering in (lock, 0.0, -lock)]
+        rooms = self._rooms(points, [Command(*way) for way in ways], age_s, _COARSE).min(axis=1)
+        free = [name for name, room in zip(_WAYS, rooms, strict=True) if room >= self.margin_m]
         return f"free at full speed: {', '.join(free)}" if free else "no way is free at full speed, go slower"
 
     def _clipped(self, command: Command) -> Command:

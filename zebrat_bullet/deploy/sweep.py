@@ -48,15 +48,12 @@ def motion(
         n = math.ceil(duration_s / TIME_STEP_S - 1e-9)
         for _ in range(n):
             dt = duration_s / n
-            faster = abs(command.speed_mps) > abs(speed_mps) and command.speed_mps * speed_mps >= 0.0
-            most = car.deceleration_mps2 * dt * (PULL if faster else 1.0)
-            before, wheel = speed_mps, steering_rad
-            speed_mps += max(-most, min(most, command.speed_mps - speed_mps))
+            wheel = steering_rad
+            speed_mps, metres = _ramp(speed_mps, command.speed_mps, car.deceleration_mps2, dt)
             error = command.steering_rad - steering_rad
             turn = error * (1.0 - math.exp(-dt / lag_s)) if lag_s > 0.0 else error
             most = car.steering_rate_radps * dt
             steering_rad += max(-most, min(most, turn))
-            metres = 0.5 * (before + speed_mps) * dt
             turned = metres * math.tan(0.5 * (wheel + steering_rad)) / base
             x += metres * math.cos(yaw + 0.5 * turned)
             y += metres * math.sin(yaw + 0.5 * turned)
@@ -64,6 +61,19 @@ def motion(
             time += dt
             rows.append((x - axle * math.cos(yaw), y - axle * math.sin(yaw), yaw, time))
     return np.array(rows), speed_mps, steering_rad
+
+
+def _ramp(speed_mps: float, wanted_mps: float, deceleration_mps2: float, time_s: float) -> tuple[float, float]:
+    """Return the speed after some time in which it goes to another, and the metres driven."""
+    metres = 0.0
+    between = wanted_mps if speed_mps * wanted_mps > 0.0 else 0.0  # a car that turns round stands still for a moment
+    slower = between if abs(between) < abs(speed_mps) else speed_mps
+    for end, rate in ((slower, deceleration_mps2), (wanted_mps, PULL * deceleration_mps2)):
+        part = min(time_s, abs(end - speed_mps) / rate)
+        after = end if part < time_s else speed_mps + math.copysign(part * rate, end - speed_mps)
+        metres += 0.5 * (speed_mps + after) * part
+        speed_mps, time_s = after, time_s - part
+    return speed_mps, metres + speed_mps * time_s
 
 
 def scan_points(scan: FlatScan, car: Car) -> NDArray[np.float64]:

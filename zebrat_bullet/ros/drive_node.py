@@ -1,6 +1,7 @@
 """The node `zebrat_drive`: scans in, commands out, a stop where it cannot rely on what it hears."""
 
 import math
+import re
 import time
 from collections import deque
 from dataclasses import replace
@@ -18,7 +19,6 @@ from zebrat_bullet.deploy.decision import Decision
 from zebrat_bullet.deploy.driver import Driver
 from zebrat_bullet.deploy.supervisor import Supervisor
 from zebrat_bullet.errors import SensorError
-from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.ros.latency import percentiles_ms
 from zebrat_bullet.ros.listen import Listener, create_publisher
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, seconds
@@ -26,10 +26,11 @@ from zebrat_bullet.ros.parameters import DriveSettings
 from zebrat_bullet.ros.publish import ackermann_drive, ackermann_type, time_of, twist, twist_stamped
 from zebrat_bullet.types import Command
 
-_SAY_AGAIN_S = 2.0
+_SAY_AGAIN_S = 10.0
 _FROZEN_CLOCK_S = 2.0
 """Simulated time may stand still for so long before it counts as dead."""
 _ROUNDING_S = 1e-3
+_NUMBER = re.compile(r"[0-9.]+")
 _EARLY = 0.75
 """A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
 
@@ -47,18 +48,20 @@ class DriveNode:
     def __init__(self, node: Node, settings: DriveSettings, driver: Driver, supervisor: Supervisor | None) -> None:
         self._node, self._settings, self._driver, self._supervisor = node, settings, driver, supervisor
         self._sim_time = bool(node.get_parameter("use_sim_time").value)
-        yaw = rotation_from_rpy(0.0, 0.0, settings.lidar_yaw_rad)
-        self._rotation = yaw @ np.array(driver.definition.lidar_rotation_base)
+        cos, sin = math.cos(settings.lidar_yaw_rad), math.sin(settings.lidar_yaw_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
         self._heard: tuple[float, float] | None = None  # the last scan: by the node's clock, and the steady one
         self._stamp_s, self._driven_s = -math.inf, -math.inf
-        self._said_s, self._refused = -math.inf, False
+        self._said, self._said_s = "", -math.inf
         self._sent_s = -math.inf
         self.n_refused = self.n_silences = 0
         self.work_s: deque[float] = deque(maxlen=100_000)
         self.age_s: deque[float] = deque(maxlen=100_000)
         kind = TwistStamped if settings.stamped else Twist
         self._twists = create_publisher(node, kind, settings.command_topic, "reliable")
+        self.command_topic = self._twists.topic_name
         self._ackermanns = None
         if ackermann_type() and settings.ackermann_topic:
             self._ackermanns = create_publisher(node, ackermann_type(), settings.ackermann_topic, "reliable")
@@ -109,8 +112,6 @@ class DriveNode:
                 f"a scan in the frame {frame[:100]!r}, expected {self._settings.lidar_frame!r}; is it the right lidar? "
                 "Then name its frame in the parameter lidar_frame"
             )
-        if self._sim_time and not self._node.get_clock().ros_time_is_active:
-            raise SensorError("use_sim_time is true and ROS's clock is not simulated; is /clock published?")
         if self._sim_time and self._now_s() == 0.0:
             raise SensorError("use_sim_time is true and nothing publishes /clock; set it to false on a real car")
         if abs(age_s) > self._settings.watchdog_s:
@@ -132,7 +133,7 @@ class DriveNode:
         )
         if self._supervisor is not None:
             scan = None if decision.refusal else self._driver.last_scan
-            checked = self._supervisor.check(command, scan, self._measured_speed(), None, age_s)
+            checked = self._supervisor.check(command, scan, self._measured_speed(), None, max(0.0, age_s))
             decision = replace(checked, refusal=decision.refusal or checked.refusal)
             command = decision.command
         self._driver.last_command = command
@@ -162,13 +163,13 @@ class DriveNode:
     def _send(self, decision: Decision) -> None:
         self._publish(decision.command)
         self.n_refused += bool(decision.refusal)
-        again = time.monotonic() - self._said_s >= _SAY_AGAIN_S
-        if decision.refusal and (again or not self._refused):
+        said = _NUMBER.sub("#", decision.refusal)
+        if said and (said != self._said or time.monotonic() - self._said_s >= _SAY_AGAIN_S):
             self._said_s = time.monotonic()
             self._node.get_logger().warning(f"stop: {decision.refusal}")
-        elif self._refused and not decision.refusal:
+        elif self._said and not said:
             self._node.get_logger().info("drives on")
-        self._refused = bool(decision.refusal)
+        self._said = said
 
     def _publish(self, command: Command) -> None:
         self._sent_s = time.monotonic()

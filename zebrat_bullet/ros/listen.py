@@ -13,12 +13,12 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 
 SILENCE_S = 2.0
-"""Time without a message after which a subscription says why it may be so, and again after each further such time."""
+"""Time without a message after which a subscription says why it may be so, and again after twice the time each."""
 
 
 def qos(reliability: str, depth: int = 1) -> QoSProfile:
     """Return a profile with "best_effort" or "reliable", that keeps the last messages."""
-    return QoSProfile(depth=depth, reliability=QoSReliabilityPolicy[reliability.upper()])
+    return QoSProfile(depth=depth, reliability=getattr(QoSReliabilityPolicy, reliability.upper()))
 
 
 def create_publisher(node: Node, kind: Any, topic: str, reliability: str) -> Any:
@@ -66,7 +66,7 @@ class Listener:
 
     def __init__(self, node: Node, kind: Any, topic: str, reliability: str, callback: Callable[[Any], None]) -> None:
         self._node, self._kind, self._reliability, self._callback = node, kind, reliability, callback
-        self._heard_s = time.monotonic()
+        self._heard_s, self._patience_s = time.monotonic(), SILENCE_S
         self.n_heard = 0
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda event: self._warn(), incompatible_type=lambda event: self._warn()
@@ -74,14 +74,14 @@ class Listener:
         self.topic = create_subscription(node, kind, topic, reliability, self._hear, events).topic_name
 
     def _hear(self, message: Any) -> None:
-        self._heard_s = time.monotonic()
+        self._heard_s, self._patience_s = time.monotonic(), SILENCE_S
         self.n_heard += 1
         self._callback(message)
 
     def look(self) -> None:
         """Warn if it has been silent for long; to be called now and then."""
-        if time.monotonic() - self._heard_s > SILENCE_S:
-            self._heard_s = time.monotonic()
+        if time.monotonic() - self._heard_s > self._patience_s:
+            self._patience_s *= 2.0
             self._warn()
 
     def _warn(self) -> None:
@@ -92,14 +92,14 @@ class Listener:
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         wanted = _type_name(self._kind)
         if not publishers:
-            others = [name for name, types in self._node.get_topic_names_and_types() if wanted in types]
-            others = sorted(name for name in others if name != self.topic)[:10]
+            topics = sorted(name for name, types in self._node.get_topic_names_and_types() if wanted in types)
+            others = [name for name in topics if self._publishes(name, wanted)][:10]
             there = f"there are {', '.join(others)}" if others else "nor any other topic of that type"
             return (
                 f"nobody publishes {self.topic} ({wanted}); {there}. Does the lidar's driver run, with the same "
                 "ROS_DOMAIN_ID?"
             )
-        told = []
+        told: list[str] = []
         for publisher in publishers:
             node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
             offered = publisher.qos_profile.reliability.name.lower()
@@ -113,6 +113,9 @@ class Listener:
             else:
                 told.append(f"{node} publishes {offered}, this node asks for {self._reliability}: that fits")
         return f"{self.topic} has {len(publishers)} publisher(s) and nothing arrives: {'; '.join(told)}"
+
+    def _publishes(self, topic: str, wanted: str) -> bool:
+        return any(each.topic_type == wanted for each in self._node.get_publishers_info_by_topic(topic))
 
 
 def _type_name(kind: Any) -> str:

@@ -2,7 +2,6 @@
 
 import difflib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -34,9 +33,13 @@ class DriveSettings:
     command_topic: str = parameter("cmd_vel", "where the commands go as TwistStamped (Twist where stamped is false)")
     ackermann_topic: str = parameter("ackermann_cmd", "where they go as AckermannDriveStamped, if its package is there")
     lidar_frame: str = parameter("lidar", "frame_id that scans must have; empty: any")
-    lidar_yaw_rad: float = parameter(0.0, "how far the lidar is turned about the vertical against the car, left positive")
+    lidar_yaw_rad: float = parameter(
+        0.0, "how far the lidar is turned about the vertical against the car, left positive"
+    )
     base_frame: str = parameter("base_link", "frame_id of the commands")
-    reliability: str = parameter("best_effort", "QoS of the subscriptions: best_effort hears every publisher, or reliable")
+    reliability: str = parameter(
+        "best_effort", "QoS of the subscriptions: best_effort hears every publisher, or reliable"
+    )
     stamped: bool = parameter(True, "commands carry a header")
     trust_stamps: bool = parameter(True, "a scan's age is told by its stamp; false: as if measured on arrival")
     watchdog_s: float = parameter(0.4, "no scan for so long, or one so old: stop")
@@ -96,7 +99,7 @@ def make_node(name: str) -> Node:
     return Node(name, automatically_declare_parameters_from_overrides=True)
 
 
-def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, Any] | None = None) -> _Settings:
+def read_parameters(node: Node, kind: type[_Settings]) -> _Settings:
     """Return a node's parameters as settings, and declare every one, so that ROS's tools list and describe them.
 
     A whole number stands for a float too, which ROS alone would refuse.
@@ -104,7 +107,6 @@ def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, An
     Args:
         node: of `make_node`.
         kind: the settings' dataclass.
-        defaults: in place of the dataclass's own.
 
     Raises:
         ConfigError: a parameter is unknown, of another type, or out of its range; ROS ignores unknown ones in silence.
@@ -118,13 +120,13 @@ def read_parameters(node: Node, kind: type[_Settings], defaults: Mapping[str, An
             raise ConfigError(f"{node.get_name()} has no parameter {shown(name)!r}{hint}")
     values = {}
     for name, each in known.items():
-        default = (defaults or {}).get(name, each.default)
-        value = given.get(name, default)
+        value = given.get(name, each.default)
         if type(each.default) is float and type(value) is int:
             value = float(value)
         if type(value) is not type(each.default):
             raise ConfigError(
-                f"parameter {name} must be a {type(each.default).__name__}, got {shown(value)!r} ({type(value).__name__})"
+                f"parameter {name} must be a {type(each.default).__name__}, got {shown(value)!r}, "
+                f"a {type(value).__name__}"
             )
         if name in given:
             node.undeclare_parameter(name)

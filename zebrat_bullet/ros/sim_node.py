@@ -28,7 +28,7 @@ class SimNode:
     """Drives one episode by what it hears.
 
     Each control step it publishes clock, odometry, cloud and scan, waits, and then drives the step by the newest
-    command. Its clock begins at this computer's time and goes at `rate`, or as the commands come.
+    command. Its clock begins with the first scan at this computer's time and goes at `rate`, or as the commands come.
 
     Args:
         node: the node, with its parameters declared.
@@ -75,7 +75,7 @@ class SimNode:
         """
         self._wait_for_a_driver(reading, wait_s)
         step: DriveStep | None = None
-        deadline_s = time.monotonic()
+        deadline_s = min(self._published_s, time.monotonic())
         while step is None or step.outcome is None:
             if step is not None:
                 self._publish(step.reading)
@@ -97,18 +97,17 @@ class SimNode:
     def _wait_for_a_driver(self, reading: Reading, wait_s: float) -> None:
         """Publish the first scan until a command answers it; simulated time goes on, the episode does not."""
         end_s = time.monotonic() + wait_s
-        self._spin(end_s, self._someone_listens)
+        self._spin(end_s, lambda: self._answered or self._someone_listens())
         while not self._answered:
             if time.monotonic() >= end_s:
                 raise ConfigError(
                     f"no command on {self._twists.topic_name} within {wait_s:g} s; does a driver run, with the same "
                     "ROS_DOMAIN_ID? zebrat ros drive --policy shipped"
                 )
+            self._epoch_s = time.time()
             self._publish(reading)
             again_s = time.monotonic() + (self._period_s / self._rate if self._lockstep_s is None else _SEND_AGAIN_S)
             self._spin(min(end_s, again_s), lambda: self._answered)
-            if not self._answered:
-                self._epoch_s += self._period_s
 
     def _someone_listens(self) -> bool:
         listened = self._clouds.get_subscription_count() + self._scans.get_subscription_count()
