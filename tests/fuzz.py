@@ -21,11 +21,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import bags
 import mutations as m
 import numpy as np
 import trimesh
 import yaml
 from PIL import Image
+from rosbags.typesys import Stores
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
@@ -38,6 +40,9 @@ from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, read_set, save_set
 from zebrat_bullet.planning.certificate import load_certificate
+from zebrat_bullet.recording.bag import Bag
+from zebrat_bullet.recording.open_loop import run_open_loop
+from zebrat_bullet.recording.topics import choose_topics
 from zebrat_bullet.report.curves import draw_learning_curve
 from zebrat_bullet.report.learning_runs import read_groups
 from zebrat_bullet.robot import load_robot
@@ -197,6 +202,30 @@ def _record(folder: Path) -> None:
     save_record(replace(record, outcome="success"), folder / "record.npz")
 
 
+def _bag(storage: str, folder: Path) -> None:
+    ros1 = storage == "ros1"
+    messages = bags.Messages(Stores.ROS1_NOETIC) if ros1 else bags.Messages()
+    sent = [
+        each
+        for i in range(3)
+        for each in (
+            ("/points", bags.CLOUD, 0.2 * i, messages.cloud(np.tile([2.0, 0.1, 0.0], (200, 1)))),
+            ("/cmd_vel", bags.TWIST_STAMPED, 0.2 * i + 0.05, messages.twist_stamped(0.3, 0.1)),
+        )
+    ]
+    made = bags.write_bag(folder / ("drive.bag" if ros1 else "drive"), messages, sent, storage)
+    if not ros1:
+        (file,) = (each for each in made.iterdir() if each.suffix != ".yaml")
+        file.rename(folder / file.name)
+        shutil.rmtree(made)
+
+
+def _ask(path: Path) -> object:
+    task = TaskConfig()
+    with Bag(path) as bag:
+        return run_open_loop(bag, choose_topics(bag), load_agent("il", task), task)
+
+
 def _labelled(folder: Path) -> None:
     _record(folder)
     np.save(folder / "record.labels.npy", load_record(folder / "record.npz").command)
@@ -292,6 +321,9 @@ DOORS = {
     "definition": Door(_exported, "policy.json", _JSON, _drive_by),
     "network": Door(_exported, "policy.onnx", [m.some_bytes], _network),
     "record": Door(_record, "record.npz", _NPZ, load_record),
+    "mcap": Door(partial(_bag, "mcap"), "drive.mcap", [m.some_bytes], _ask),
+    "db3": Door(partial(_bag, "sqlite3"), "drive.db3", [m.some_bytes], _ask),
+    "bag": Door(partial(_bag, "ros1"), "drive.bag", [m.some_bytes], _ask),
     "labels": Door(_labelled, "record.labels.npy", [m.some_bytes], _imitate),
     "demonstrations": Door(_record, "record.npz", _NPZ, _imitate),
     "set": Door(

@@ -28,7 +28,8 @@ ORDER = [
         "planar",
         "deploy",
     ),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench", "ros"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
+    *("ros", "recording"),
     *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
@@ -39,6 +40,7 @@ ALLOWED = {
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
+    **{name: {"recording"} for name in ("mcap", "mcap_ros2", "rosbags", "lz4", "zstandard")},
     **{
         name: {"ros"}
         for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")

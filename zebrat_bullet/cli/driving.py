@@ -26,6 +26,7 @@ from zebrat_bullet.cli.common import (
     workers_option,
 )
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
+from zebrat_bullet.cli.recording import bag_options, replay_bag
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 
@@ -99,7 +100,11 @@ def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
 
 
 def replay(arguments: argparse.Namespace) -> Result:
-    """Drive a recorded episode's commands again and say whether every pose came out the same."""
+    """Drive a recorded episode's commands again and compare every pose; or run a policy on a bag (--bag)."""
+    if (arguments.record is None) == (arguments.bag is None):
+        raise ConfigError("name an .npz that `zebrat evaluate` wrote, or a recording: --bag FILE")
+    if arguments.bag:
+        return replay_bag(arguments)
     from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
@@ -209,7 +214,11 @@ def add(command: AddCommand) -> None:
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
 
     made = command(replay)
-    made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
+    made.set_defaults(robot=None)
+    made.add_argument(
+        "record", nargs="?", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it"
+    )
+    bag_options(made)
 
     made = command(
         video,

@@ -21,6 +21,7 @@ from zebrat_bullet.cli import (
     held_out,
     learning,
     parity,
+    recording,
     robustness,
     ros,
     sweep,
@@ -139,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
         held_out,
         families,
         parity,
+        recording,
         ros,
         collisions,
     ):

@@ -9,9 +9,14 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.errors import SensorError
 from zebrat_bullet.files import shown
+from zebrat_bullet.types import PointCloud
 
-FLOAT32, FLOAT64 = 7, 8
-"""The numbers of `sensor_msgs/PointField` that coordinates come in."""
+UINT16, FLOAT32, FLOAT64 = 4, 7, 8
+"""The numbers of `sensor_msgs/PointField` that coordinates and channels come in."""
+POINT = np.dtype({"names": ["xyz", "ring"], "formats": ["3f4", "u2"], "offsets": [0, 12], "itemsize": 16})
+"""A point of the clouds that are published here."""
+POINT_FIELDS = (("x", 0, FLOAT32, 1), ("y", 4, FLOAT32, 1), ("z", 8, FLOAT32, 1), ("ring", 12, UINT16, 1))
+"""The same as name, offset, datatype and count of `sensor_msgs/PointField`."""
 _TYPES = {FLOAT32: "f4", FLOAT64: "f8"}
 _STANDSTILL_MPS = float(np.finfo(np.float32).eps)
 
@@ -68,6 +73,16 @@ def _axis(message: Any, name: str) -> tuple[str, int]:
             return _TYPES[field.datatype], int(field.offset)
     names = [shown(field.name, 30) for field in message.fields][:20]
     raise SensorError(f"a cloud must have the fields x, y and z, got {', '.join(names) or 'none'}")
+
+
+def packed_cloud(cloud: PointCloud, n_channels: int) -> NDArray[np.void]:
+    """Return the (N,) `POINT`s of a cloud, channel-major; nan where a ray had no return."""
+    n = len(cloud.points_lidar)
+    points = np.zeros(n, POINT)
+    points["xyz"] = cloud.points_lidar
+    points["xyz"][~cloud.valid] = np.nan
+    points["ring"] = np.repeat(np.arange(n_channels), n // n_channels)
+    return points
 
 
 def scan_ranges(message: Any) -> NDArray[np.float32]:

@@ -14,11 +14,8 @@ from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from zebrat_bullet.deploy.car import Car
-from zebrat_bullet.ros.messages import FLOAT32, native_big_endian, yaw_rate
+from zebrat_bullet.ros.messages import POINT, POINT_FIELDS, native_big_endian, packed_cloud, yaw_rate
 from zebrat_bullet.types import Command, FlatScan, PointCloud, RobotState
-
-POINT = np.dtype({"names": ["xyz", "ring"], "formats": ["3f4", "u2"], "offsets": [0, 12], "itemsize": 16})
-_UINT16 = 4
 
 
 def time_of(time_s: float) -> Time:
@@ -34,15 +31,11 @@ def header(stamp: Time, frame: str) -> Header:
 
 def cloud_message(cloud: PointCloud, n_channels: int, stamp: Time, frame: str) -> PointCloud2:
     """Return a cloud as an organised PointCloud2: a row for each channel; nan where a ray had no return."""
-    n = len(cloud.points_lidar)
-    points = np.zeros(n, POINT)
-    points["xyz"] = cloud.points_lidar
-    points["xyz"][~cloud.valid] = np.nan
-    points["ring"] = np.repeat(np.arange(n_channels), n // n_channels)
-    message = PointCloud2(header=header(stamp, frame), height=n_channels, width=n // n_channels)
+    points = packed_cloud(cloud, n_channels)
+    message = PointCloud2(header=header(stamp, frame), height=n_channels, width=len(points) // n_channels)
     message.fields = [
-        *(PointField(name=axis, offset=4 * i, datatype=FLOAT32, count=1) for i, axis in enumerate("xyz")),
-        PointField(name="ring", offset=12, datatype=_UINT16, count=1),
+        PointField(name=name, offset=offset, datatype=datatype, count=count)
+        for name, offset, datatype, count in POINT_FIELDS
     ]
     message.is_bigendian, message.is_dense = native_big_endian(), False
     message.point_step, message.row_step = POINT.itemsize, POINT.itemsize * message.width
