@@ -6,6 +6,7 @@ The suite runs a few of each door (test_fuzz.py); by hand, for hours or until so
 """
 
 import argparse
+import hashlib
 import json
 import random
 import shutil
@@ -20,21 +21,28 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import bags
 import mutations as m
 import numpy as np
 import trimesh
 import yaml
 from PIL import Image
+from rosbags.typesys import Stores
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
 from zebrat_bullet.config_text import read_config, with_settings_of
+from zebrat_bullet.deploy import Driver
+from zebrat_bullet.deploy.network import Network
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, read_set, save_set
 from zebrat_bullet.planning.certificate import load_certificate
+from zebrat_bullet.recording.bag import Bag
+from zebrat_bullet.recording.open_loop import run_open_loop
+from zebrat_bullet.recording.topics import choose_topics
 from zebrat_bullet.report.curves import draw_learning_curve
 from zebrat_bullet.report.learning_runs import read_groups
 from zebrat_bullet.robot import load_robot
@@ -172,11 +180,50 @@ def _policy(folder: Path) -> None:
     _copy(asset_folder("policies") / "shipped.safetensors", folder)
 
 
+def _exported(folder: Path) -> None:
+    from zebrat_bullet.agents.export import export_policy
+
+    export_policy("shipped", folder)
+
+
+def _drive_by(path: Path) -> None:
+    Driver.load(path.parent).drive_scan(np.ones(360, np.float32))
+
+
+def _network(path: Path) -> None:
+    """Load a network as if its hash were right."""
+    Network(path, 66, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
 def _record(folder: Path) -> None:
     from zebrat_bullet.evaluation.records import save_record
 
     (record,) = drive_episodes("shipped", TINY.task, load_world("track_2"), 0, [0])
     save_record(replace(record, outcome="success"), folder / "record.npz")
+
+
+def _bag(storage: str, folder: Path) -> None:
+    ros1 = storage == "ros1"
+    messages = bags.Messages(Stores.ROS1_NOETIC) if ros1 else bags.Messages()
+    sent = [
+        each
+        for i in range(3)
+        for each in (
+            ("/points", bags.CLOUD, 0.2 * i, messages.cloud(np.tile([2.0, 0.1, 0.0], (200, 1)))),
+            ("/cmd_vel", bags.TWIST_STAMPED, 0.2 * i + 0.05, messages.twist_stamped(0.3, 0.1)),
+        )
+    ]
+    made = bags.write_bag(folder / ("drive.bag" if ros1 else "drive"), messages, sent, storage)
+    if not ros1:
+        (file,) = (each for each in made.iterdir() if each.suffix != ".yaml")
+        file.rename(folder / file.name)
+        shutil.rmtree(made)
+
+
+def _ask(path: Path) -> object:
+    task = TaskConfig()
+    with Bag(path) as bag:
+        return run_open_loop(bag, choose_topics(bag), load_agent("il", task), task)
 
 
 def _labelled(folder: Path) -> None:
@@ -271,7 +318,12 @@ DOORS = {
         load_robot,
     ),
     "policy": Door(_policy, "shipped.safetensors", _TENSORS, _policy_of),
+    "definition": Door(_exported, "policy.json", _JSON, _drive_by),
+    "network": Door(_exported, "policy.onnx", [m.some_bytes], _network),
     "record": Door(_record, "record.npz", _NPZ, load_record),
+    "mcap": Door(partial(_bag, "mcap"), "drive.mcap", [m.some_bytes], _ask),
+    "db3": Door(partial(_bag, "sqlite3"), "drive.db3", [m.some_bytes], _ask),
+    "bag": Door(partial(_bag, "ros1"), "drive.bag", [m.some_bytes], _ask),
     "labels": Door(_labelled, "record.labels.npy", [m.some_bytes], _imitate),
     "demonstrations": Door(_record, "record.npz", _NPZ, _imitate),
     "set": Door(

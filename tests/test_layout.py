@@ -29,15 +29,24 @@ ORDER = [
         "deploy",
     ),
     *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "play", "report", "bench"),
+    *("ros", "recording"),
     *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
     "pybullet": {"sim", "sensing", "bench"},
+    "mujoco": {"sim", "sensing"},
     "torch": {"training", "agents", "bench"},
     "stable_baselines3": {"training", "agents", "bench"},
     "open3d": {"sensing"},
     "warp": {"planar"},
     "gymnasium": {"envs", "training"},
+    **{name: {"recording"} for name in ("mcap", "mcap_ros2", "rosbags", "lz4", "zstandard")},
+    **{
+        name: {"ros"}
+        for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
+    },
+    "onnx": {"agents"},
+    "onnxruntime": {"deploy"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -79,7 +88,7 @@ def test_heavy_libraries_are_imported_only_where_they_belong(path):
 def test_importing_the_package_loads_nothing_heavy():
     code = (
         "import sys, zebrat_bullet; "
-        "heavy = ('pybullet', 'open3d', 'torch', 'stable_baselines3', 'vtk', 'matplotlib'); "
+        "heavy = ('pybullet', 'mujoco', 'open3d', 'torch', 'stable_baselines3', 'vtk', 'matplotlib'); "
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

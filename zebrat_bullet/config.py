@@ -7,8 +7,14 @@ from dataclasses import dataclass, field, replace
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 
+ENGINES = ("bullet", "mujoco")
+CASTERS = ("bullet", "embree", "mujoco")
 MOST_SEED = 2**31 - 1
 """Greatest seed of a run; its evaluations and their episodes draw from seeds beyond it."""
+
+
+FOOTPRINTS = ("auto", "collision", "hull")
+"""What may count as the outline of a car's body, see `robot.setup`."""
 
 
 def _require(ok: bool, message: str) -> None:
@@ -34,6 +40,8 @@ class PhysicsConfig:
     """How the physics is stepped.
 
     Attributes:
+        engine: "bullet" (PyBullet), or "mujoco", the second judge, which cuts each physics step into steps of at most
+            `sim.mujoco.model.TIMESTEP_S` and takes neither solver iterations nor contact breaking.
         control_step_s: time between two commands (paper: 0.2 s).
         rate_hz: physics steps a second; a control step must hold a whole number of them.
         solver_iterations: constraint solver iterations; 20 leave a speed error of 0.3 %.
@@ -42,6 +50,7 @@ class PhysicsConfig:
         max_speed_mps, max_steering_rad: limits of a command; commands beyond them are clipped.
     """
 
+    engine: str = "bullet"
     control_step_s: float = 0.2
     rate_hz: float = 120.0
     solver_iterations: int = 20
@@ -50,6 +59,7 @@ class PhysicsConfig:
     max_steering_rad: float = 0.6
 
     def __post_init__(self) -> None:
+        _require(self.engine in ENGINES, f"engine must be one of {', '.join(ENGINES)}, got {shown(self.engine)!r}")
         _require(self.control_step_s > 0 and self.rate_hz > 0, "control_step_s and rate_hz must be above 0")
         within(self, control_step_s=(0.001, 10.0), rate_hz=(0.1, 10_000.0), solver_iterations=(-math.inf, 1000))
         n = self.control_step_s * self.rate_hz
@@ -84,7 +94,8 @@ class LidarConfig:
         n_channels, n_bearings: beams above each other, and around.
         elevation_min_rad, elevation_max_rad: lowest and highest channel.
         range_max_m: reach.
-        caster: "bullet" (rayTestBatch) or "embree" (Open3D RaycastingScene).
+        caster: "bullet" (rayTestBatch) and "mujoco" (mj_multiRay) cast in the engine of that name, "embree" (Open3D
+            RaycastingScene) beside either.
         bearings: "all", or "region": a drive casts only the bearings that the safety region and the open-space rule
             look at, a tenth of them, while nobody asks for whole scans; what these two see is the same to the last bit.
     """
@@ -98,7 +109,7 @@ class LidarConfig:
     bearings: str = "all"
 
     def __post_init__(self) -> None:
-        _require(self.caster in ("bullet", "embree"), f"caster must be 'bullet' or 'embree', got {self.caster!r}")
+        _require(self.caster in CASTERS, f"caster must be one of {', '.join(CASTERS)}, got {shown(self.caster)!r}")
         _require(self.bearings in ("all", "region"), f"bearings must be 'all' or 'region', got {self.bearings!r}")
         _require(self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings")
         _require(
@@ -145,7 +156,8 @@ class DynamicsConfig:
         steering_rate: factor on the speed of the steering hinges.
         steering_offset_rad: added to the steering of every command.
         speed: factor on the speed of every command.
-        delay_s: time until a command reaches the motors, at most a control step; until then the last one holds.
+        delay_s: time until a command reaches the motors, two control steps at most (planar cars: one); until then those
+            before it hold.
     """
 
     acceleration: Range = (1.0, 1.0)
@@ -168,6 +180,68 @@ class DynamicsConfig:
         """Whether every car is as its URDF says."""
         return self == DynamicsConfig()
 
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbanceConfig:
+    """What else disturbs an episode in PyBullet and MuJoCo, drawn anew for each from its seed; nothing by default.
+
+    What concerns the lidar comes on top of `NoiseConfig`. Planar cars know none of this, and refuse it.
+
+    Attributes:
+        friction: factor on the grip of the tyres (ZebraT's on its floor: 1.0).
+        mass: factor on mass and inertia of every part.
+        steering_lag_s: time constant with which the steering follows its command, as a first-order lag.
+        command_noise: sigma on what a command comes to at the motors, drawn for each, as a fraction of the limits; the
+            driver does not learn of it.
+        range_sigma_m: Gaussian range noise along each ray.
+        dropout: probability that a return is lost.
+        dark_walls: share of the walls' length that gives no return at any time of an episode, as dark or glassy
+            walls do.
+        mount_offset_m: error of the mount, level, in a direction drawn too.
+        mount_yaw_rad: error of the mount's yaw.
+        pose_sigma_m, pose_sigma_rad: of the errors of a localisation in x, in y and in yaw, for those that are given
+            the pose; each drifts, as an Ornstein-Uhlenbeck process.
+        pose_drift_s: time in which it does.
+    """
+
+    friction: Range = (1.0, 1.0)
+    mass: Range = (1.0, 1.0)
+    steering_lag_s: Range = (0.0, 0.0)
+    command_noise: Range = (0.0, 0.0)
+    range_sigma_m: Range = (0.0, 0.0)
+    dropout: Range = (0.0, 0.0)
+    dark_walls: Range = (0.0, 0.0)
+    mount_offset_m: Range = (0.0, 0.0)
+    mount_yaw_rad: Range = (0.0, 0.0)
+    pose_sigma_m: float = 0.0
+    pose_sigma_rad: float = 0.0
+    pose_drift_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in _DISTURBANCES.items():
+            drawn = getattr(self, name)
+            low, high = drawn if isinstance(drawn, tuple) else (drawn, drawn)
+            _require(low <= high, f"disturbance.{name} must be [least, greatest], got [{low}, {high}]")
+            got = f"[{low}, {high}]" if isinstance(drawn, tuple) else drawn
+            ok = least <= low and high <= most
+            _require(ok, f"disturbance.{name} must be within {least:g} to {most:g}, got {got}")
+
+
+_DISTURBANCES = {
+    "friction": (0.01, 10.0),
+    "mass": (0.1, 10.0),
+    "steering_lag_s": (0.0, 10.0),
+    "command_noise": (0.0, 10.0),
+    "range_sigma_m": (0.0, 100.0),
+    "dropout": (0.0, 1.0),
+    "dark_walls": (0.0, 1.0),
+    "mount_offset_m": (0.0, 1.0),
+    "mount_yaw_rad": (-math.pi, math.pi),
+    "pose_sigma_m": (0.0, 100.0),
+    "pose_sigma_rad": (0.0, math.pi),
+    "pose_drift_s": (0.001, 1e6),
+}
+"""Least and greatest value of each."""
 
 VLP16_NOISE = NoiseConfig(range_sigma_m=0.008, dropout=0.01)
 """The noise of the authors' lidar, and one return in a hundred lost."""
@@ -321,6 +395,7 @@ class TaskConfig:
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     flatten: FlattenConfig = field(default_factory=FlattenConfig)
     region: SafetyRegionConfig = field(default_factory=SafetyRegionConfig)
     observation: ObservationConfig = field(default_factory=ObservationConfig)
@@ -329,12 +404,35 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         step, delay = self.physics.control_step_s, self.dynamics.delay_s[1]
-        _require(delay <= step, f"dynamics.delay_s may be a control step ({step} s) at most, got {delay}")
+        _require(delay <= 2 * step, f"dynamics.delay_s may be two control steps ({2 * step} s) at most, got {delay}")
 
     @property
     def guided(self) -> bool:
         """Whether reward or observation look at the world's waypoints."""
         return self.observation.waypoint or bool(self.reward.weights.get("W"))
+
+
+def with_engine(task: TaskConfig, engine: str) -> TaskConfig:
+    """Return the task in another engine, whose own ray caster stands in for that of the one before."""
+    caster = engine if task.lidar.caster in ENGINES else task.lidar.caster
+    return replace(task, physics=replace(task.physics, engine=engine), lidar=replace(task.lidar, caster=caster))
+
+
+def require_planar_cars(task: TaskConfig) -> None:
+    """Refuse a task that disturbs what planar cars do not have.
+
+    Raises:
+        ConfigError: it does; the message names what.
+    """
+    asked, none = vars(task.disturbance), vars(DisturbanceConfig())
+    if unknown := [f"disturbance.{name}" for name in asked if asked[name] != none[name]]:
+        raise ConfigError(f"planar cars have no {', '.join(unknown)}; leave them out, or drive it in PyBullet")
+    step, delay = task.physics.control_step_s, task.dynamics.delay_s[1]
+    _require(
+        delay <= step,
+        f"planar cars obey within a control step ({step} s), got dynamics.delay_s up to {delay}; lower it, or drive it "
+        "in PyBullet",
+    )
 
 
 _GUIDED_OBSERVATIONS = {

@@ -37,6 +37,10 @@ class PolicyError(ZebratError, ValueError):
     """A policy file is not one of ours, or does not fit the observation."""
 
 
+class SensorError(ZebratError, ValueError):
+    """What a real sensor sent cannot be relied on; the car stops."""
+
+
 class EpisodeError(ZebratError, RuntimeError):
     """There is no episode to step or to draw: none was begun yet, or the environment is closed."""
 

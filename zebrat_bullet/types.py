@@ -51,6 +51,9 @@ class Dynamics:
         steering_offset_rad: added to the steering of every command.
         speed: factor on the speed of every command.
         delay_s: time until a command reaches the motors.
+        friction: factor on the grip of the tyres.
+        mass: factor on mass and inertia of every part.
+        steering_lag_s: time constant with which the steering follows its command.
     """
 
     acceleration: float = 1.0
@@ -58,6 +61,9 @@ class Dynamics:
     steering_offset_rad: float = 0.0
     speed: float = 1.0
     delay_s: float = 0.0
+    friction: float = 1.0
+    mass: float = 1.0
+    steering_lag_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +176,7 @@ class Reading:
         last_command: the command given before this reading; zero at the start.
         speed_mps: measured forward speed.
         time_s: simulated time since the episode began.
-        state: the true state (privilege "pose").
+        state: the true state, but for the error of the task's localisation (privilege "pose").
         walls: the outlines of everything the body can hit, world frame (privilege "map").
         goal_world: (2,) float64, the last waypoint of the world, 1 m past the open-space line (privilege "goal").
         waypoint: the next waypoint of the world (privilege "waypoint").

@@ -1,5 +1,6 @@
 """A trained policy from a safetensors file, run with numpy: no torch, no unpickling, no simulator."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -58,6 +59,12 @@ class PolicyAgent:
         self.head, self.activation, self.grid = head, activation, grid
         self._choices = tuple(np.array(values, dtype=np.float32) for values in grid)
         self.privileged = frozenset({"waypoint"} if observation.waypoint else ())
+
+    @property
+    def weights_digest(self) -> str:
+        """First digits of the SHA-256 of its weights: a policy that learned on is another."""
+        arrays = (array for layer in self.layers for array in layer)
+        return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]
 
     def reset(self, seed: int) -> None:
         """Do nothing: the policy is deterministic and has no memory."""

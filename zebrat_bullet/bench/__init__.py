@@ -125,7 +125,7 @@ def _bench(world: str, n_steps: int, seed: int, task: TaskConfig) -> dict[str, f
 
     def bare_physics() -> None:
         for _ in range(task.physics.n_substeps):
-            pybullet.stepSimulation(physicsClientId=drive.sim.client_id)
+            pybullet.stepSimulation(physicsClientId=drive.sim.client)
 
     for _ in range(n_steps + WARMUP_STEPS):
         action = np.array([0.8, rng.uniform(-1.0, 1.0)], dtype=np.float32)

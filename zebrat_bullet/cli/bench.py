@@ -10,7 +10,7 @@ from zebrat_bullet.errors import ConfigError
 
 
 def bench(arguments: argparse.Namespace) -> Result:
-    """Time the environment step and its parts, for both ray casters; or planar cars; or an agent; or learning."""
+    """Time the environment step and its parts, for both ray casters; or planar cars, an agent, an export, learning."""
     from zebrat_bullet.bench import bench_agent, bench_text, run_bench
 
     show, robot = bench_text, arguments.robot
@@ -32,6 +32,11 @@ def bench(arguments: argparse.Namespace) -> Result:
         config = replace(TRAIN_PRESETS[arguments.learning], worlds=(arguments.world,), seed=arguments.seed)
         config = with_task(config, robot, None)
         result = bench_learning(config, arguments.steps, arguments.rounds)
+    elif arguments.deploy:
+        from zebrat_bullet.bench.deploy import bench_deploy
+
+        policy = arguments.agent or "shipped"
+        result = {policy: bench_deploy(policy, arguments.world, arguments.steps, arguments.seed)}
     elif arguments.agent:
         result = {arguments.agent: bench_agent(arguments.agent, arguments.world, arguments.seed, robot)}
     else:
@@ -54,6 +59,9 @@ def add(command: AddCommand) -> None:
         help="time learning instead: the paper's DDPG beside Stable-Baselines3's own, or PPO on planar cars",
     )  # fmt: skip
     made.add_argument("--planar", action="store_true", help="time planar cars instead, beside one car of PyBullet")
+    made.add_argument(
+        "--deploy", action="store_true", help="time --agent (default shipped) as it is exported, on one core"
+    )
     made.add_argument("--cars", type=int, default=1024, help="planar cars (default 1024)")
     made.add_argument("--device", default="cpu", help="of the planar cars: cpu (default) or cuda")
     made.add_argument("--steps", type=int, default=1000)

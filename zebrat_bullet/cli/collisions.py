@@ -33,7 +33,7 @@ def collisions(arguments: argparse.Namespace) -> Result:
         task=TaskConfig(robot=arguments.robot),
     )
     sensing = Sensing(
-        lidar=LidarConfig(caster=arguments.caster),
+        lidar=LidarConfig(caster=arguments.caster or "bullet"),
         noise=NoiseConfig(range_sigma_m=arguments.noise),
         rate_hz=arguments.rate_hz,
     )

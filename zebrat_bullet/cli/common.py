@@ -1,4 +1,4 @@
-"""What the commands share: options, progress, notes."""
+"""What the commands share: options, progress, notes. Like all of `cli`, it loads with numpy alone."""
 
 import argparse
 import math
@@ -6,15 +6,24 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-from zebrat_bullet.config import RANDOM_DYNAMICS, REWARD_PRESETS, VLP16_NOISE, TaskConfig, with_reward
-from zebrat_bullet.config_text import with_overrides
+from zebrat_bullet.config import (
+    CASTERS,
+    ENGINES,
+    FOOTPRINTS,
+    RANDOM_DYNAMICS,
+    REWARD_PRESETS,
+    VLP16_NOISE,
+    TaskConfig,
+    with_engine,
+    with_reward,
+)
+from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.robot.setup import FOOTPRINTS, named_robot
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
@@ -86,6 +95,8 @@ def name_robot(arguments: argparse.Namespace) -> None:
     """
     settings = robot_settings(arguments)
     if arguments.robot is not None:
+        from zebrat_bullet.robot import named_robot
+
         arguments.robot = named_robot(arguments.robot, settings)
     elif settings:
         raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
@@ -94,7 +105,11 @@ def name_robot(arguments: argparse.Namespace) -> None:
 def task_options() -> argparse.ArgumentParser:
     """Return the options of the senses."""
     made = argparse.ArgumentParser(add_help=False)
-    made.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
+    made.add_argument(
+        "--caster",
+        choices=CASTERS,
+        help="ray caster of the lidar: embree, or that of the engine, bullet or mujoco (default)",
+    )
     made.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
     return made
 
@@ -123,10 +138,18 @@ def sim_option() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(add_help=False)
     made.add_argument(
         "--sim",
-        choices=("planar", "bullet"),
+        choices=("planar", *ENGINES),
         default="planar",
-        help="what policies drive in (default planar); other agents drive in PyBullet only. `evaluate`: of --set",
+        help="what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo. `evaluate`: "
+        "planar goes with --set and --generated, and means PyBullet in --worlds",
     )
+    return made
+
+
+def engine_option() -> argparse.ArgumentParser:
+    """Return the option of the engine where planar cars do not drive."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument("--sim", choices=ENGINES, default="bullet", help="engine: PyBullet (default) or MuJoCo")
     return made
 
 
@@ -141,6 +164,21 @@ def noisy_options() -> argparse.ArgumentParser:
     """Return the option of noise on the commands."""
     made = argparse.ArgumentParser(add_help=False)
     made.add_argument("--action-noise", type=float, default=0.0, help="sigma on the commands, fraction of the limits")
+    return made
+
+
+def supervised_option() -> argparse.ArgumentParser:
+    """Return the option of a supervisor between agent and car."""
+    made = argparse.ArgumentParser(add_help=False)
+    made.add_argument(
+        "--supervised",
+        nargs="?",
+        type=float,
+        const=MARGIN_M,
+        metavar="MARGIN_M",
+        help="commands go through the supervisor of the real car, which stops it before anything is nearer than this "
+        f"(default {MARGIN_M:g} m)",
+    )
     return made
 
 
@@ -190,9 +228,18 @@ def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:
 
 
 def task_of(arguments: argparse.Namespace) -> TaskConfig:
-    """Return the task that the options describe."""
+    """Return the task that the options describe.
+
+    Raises:
+        ConfigError: its engine is not installed.
+    """
+    from zebrat_bullet.sim.engine import require_engine
+
     task = with_reward(TaskConfig(robot=arguments.robot or TaskConfig().robot), arguments.reward)
-    task = replace(task, lidar=replace(task.lidar, caster=arguments.caster))
+    engine = "mujoco" if getattr(arguments, "sim", "") == "mujoco" else task.physics.engine
+    require_engine(engine)
+    task = with_engine(task, engine)
+    task = replace(task, lidar=replace(task.lidar, caster=arguments.caster or task.lidar.caster))
     if getattr(arguments, "anywhere", False):
         task = replace(task, episode=replace(task.episode, start="anywhere"))
     if getattr(arguments, "randomise", False):
@@ -205,12 +252,18 @@ def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
 
     What --robot and --set say goes before; where the agent's own differ from the default is noted.
     """
+    from zebrat_bullet.config_text import with_overrides
     from zebrat_bullet.evaluation.own_task import as_trained
 
     task, differing = as_trained(task_of(arguments), agent, own_robot=arguments.robot is None)
     if differing:
         note(arguments, f"{agent} is judged under the task that it was trained on: {', '.join(differing)}")
     return with_overrides(task, [text.removeprefix("task.") for text in arguments.set_task])
+
+
+def of_engine(arguments: argparse.Namespace) -> str:
+    """Return what keeps the results of the second engine apart where --out is left out."""
+    return "-mujoco" if arguments.sim == "mujoco" else ""
 
 
 def file_name(agent: str) -> str:
@@ -224,7 +277,10 @@ def note(arguments: argparse.Namespace, message: str) -> None:
         print(message, file=sys.stderr)
 
 
-def progress_bar(arguments: argparse.Namespace) -> Progress:
+def progress_bar(arguments: argparse.Namespace) -> "Progress":
     """Return a progress bar on standard error, disabled by --quiet."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=Console(stderr=True), disable=arguments.quiet)

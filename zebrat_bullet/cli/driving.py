@@ -10,8 +10,10 @@ from zebrat_bullet.cli.common import (
     AddCommand,
     Result,
     agents_option,
+    engine_option,
     file_name,
     noisy_options,
+    of_engine,
     own_task_of,
     place_options,
     placed,
@@ -19,10 +21,12 @@ from zebrat_bullet.cli.common import (
     randomise_option,
     reward_options,
     sim_option,
+    supervised_option,
     task_options,
     workers_option,
 )
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
+from zebrat_bullet.cli.recording import bag_options, replay_bag
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 
@@ -46,13 +50,13 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         return evaluate_set(arguments)
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
-        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}"
+        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
         scores, table = _evaluate_one(arguments, agent, out, own_task_of(arguments, agent))
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
     tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
     for agent, task in tasks.items():
         load_agent(agent, task)  # a wrong name is told before hours of driving
-    out = arguments.out or Path("results") / "evaluate"
+    out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
     every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
     table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
@@ -75,6 +79,7 @@ def _evaluate_one(
         episodes=arguments.episodes,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
+        supervised_m=arguments.supervised,
         records=out / "records",
         workers=arguments.workers,
         task=task,
@@ -95,7 +100,11 @@ def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
 
 
 def replay(arguments: argparse.Namespace) -> Result:
-    """Drive a recorded episode's commands again and say whether every pose came out the same."""
+    """Drive a recorded episode's commands again and compare every pose; or run a policy on a bag (--bag)."""
+    if (arguments.record is None) == (arguments.bag is None):
+        raise ConfigError("name an .npz that `zebrat evaluate` wrote, or a recording: --bag FILE")
+    if arguments.bag:
+        return replay_bag(arguments)
     from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
@@ -118,6 +127,7 @@ def replay(arguments: argparse.Namespace) -> Result:
 def video(arguments: argparse.Namespace) -> Result:
     """Drive one episode and write it as an MP4."""
     from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.agents.supervised import supervised
     from zebrat_bullet.evaluation.judge import require_winnable_by
     from zebrat_bullet.evaluation.rollout import run_episode
     from zebrat_bullet.robot import load_robot
@@ -130,10 +140,13 @@ def video(arguments: argparse.Namespace) -> Result:
     world = load_world(reference, robot=load_robot(task.robot))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     require_winnable_by(agent, world)
+    if arguments.supervised is not None:
+        agent = supervised(agent, task, arguments.supervised)
     drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
-    arguments.out = arguments.out or Path("results") / f"{file_name(arguments.agent)}-{Path(arguments.world).stem}.mp4"
+    name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
+    arguments.out = arguments.out or Path("results") / name
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
@@ -176,7 +189,7 @@ def add(command: AddCommand) -> None:
     made = command(
         evaluate,
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
-        *(sim_option(), workers_option(), place_options()),
+        *(sim_option(), workers_option(), place_options(), supervised_option()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
@@ -184,7 +197,7 @@ def add(command: AddCommand) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="instead: N generated tracks that are never trained on, --episodes in each, on planar cars",
+        help="instead: N generated tracks that are never trained on, --episodes in each, in --sim",
     )
     made.add_argument(
         "--set",
@@ -201,9 +214,17 @@ def add(command: AddCommand) -> None:
     made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
 
     made = command(replay)
-    made.add_argument("record", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it")
+    made.set_defaults(robot=None)
+    made.add_argument(
+        "record", nargs="?", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it"
+    )
+    bag_options(made)
 
-    made = command(video, task_options(), noisy_options(), randomise_option(), reward_options(), place_options())
+    made = command(
+        video,
+        *(engine_option(), task_options(), noisy_options(), randomise_option(), reward_options(), place_options()),
+        supervised_option(),
+    )
     made.add_argument("--agent", default="shipped")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
     made.set_defaults(robot=None)

@@ -5,19 +5,22 @@ import json
 import os
 from functools import partial
 from pathlib import Path
-
-from rich.progress import TaskID
+from typing import TYPE_CHECKING
 
 from zebrat_bullet.cli.common import (
     AddCommand,
     PartialResultError,
     Result,
     file_name,
+    of_engine,
     own_task_of,
     progress_bar,
     workers_option,
 )
 from zebrat_bullet.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 def sets(arguments: argparse.Namespace) -> Result:
@@ -66,7 +69,7 @@ def _make(arguments: argparse.Namespace) -> Result:
     missing: list[str] = []
     with progress_bar(arguments) as bar:
 
-        def on_candidate(shown: TaskID, name: str, found: int, tried: int) -> None:
+        def on_candidate(shown: "TaskID", name: str, found: int, tried: int) -> None:
             bar.update(shown, completed=found, description=f"{name}, {tried} tried")
 
         for recipe in recipes:
@@ -97,6 +100,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         n_tracks=arguments.tracks,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
+        supervised_m=arguments.supervised,
         workers=_workers(arguments),
         task=tasks[arguments.agent[0]],
     )
@@ -109,7 +113,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             lambda agent, done, total: bar.update(shown, description=f"judging {agent}", completed=done, total=total),
             tasks,
         )
-    out = arguments.out or Path("results") / f"set-{tracks.name}"
+    out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
     out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
     (out / "scores.json").write_text(json.dumps(result))
@@ -118,17 +122,27 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
 
 
 def evaluate_generated(arguments: argparse.Namespace) -> Result:
-    """Judge one agent on generated tracks that were never trained on, with planar cars."""
+    """Judge one agent on generated tracks that were never trained on."""
     from zebrat_bullet.evaluation.generated import judge_generated
     from zebrat_bullet.world import HELD_OUT_SEED
 
     if len(arguments.agent) != 1:
         raise ConfigError("--generated judges one agent at a time; name one")
+    if arguments.supervised is not None:
+        raise ConfigError("--generated drives planar cars, without whole scans for --supervised; leave one out")
     (agent,) = arguments.agent
-    out = arguments.out or Path("results") / f"generated-{file_name(agent)}"
+    out = arguments.out or Path("results") / f"generated-{file_name(agent)}{of_engine(arguments)}"
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
-    task, noise = own_task_of(arguments, agent), arguments.action_noise
-    score = judge_generated(agent, seeds, arguments.episodes, task, action_noise=noise, workers=_workers(arguments))
+    score = judge_generated(
+        agent,
+        seeds,
+        arguments.episodes,
+        own_task_of(arguments, agent),
+        sim=arguments.sim,
+        seed=arguments.seed,
+        action_noise=arguments.action_noise,
+        workers=_workers(arguments),
+    )
     out.mkdir(parents=True, exist_ok=True)
     (out / "generated.json").write_text(json.dumps(score.as_dict()))
     low, high = score.success_ci

@@ -20,7 +20,6 @@ from zebrat_bullet.cli.common import (
     task_of,
     task_options,
 )
-from zebrat_bullet.config_text import with_overrides, with_settings_of
 from zebrat_bullet.errors import ConfigError
 
 
@@ -66,6 +65,7 @@ def _run_name(arguments: argparse.Namespace) -> str:
 
 def _train_config(arguments: argparse.Namespace) -> Any:
     """Return the `TrainConfig` that the options say."""
+    from zebrat_bullet.config_text import with_overrides, with_settings_of
     from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, with_task
 
     config = replace(TRAIN_PRESETS[arguments.preset], seed=arguments.seed)
@@ -109,6 +109,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
 
 def imitate(arguments: argparse.Namespace) -> Result:
     """Clone the behaviour in demonstrations; with --dagger, let an expert label what the learner then meets."""
+    from zebrat_bullet.config_text import with_overrides
     from zebrat_bullet.training import imitation
 
     folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"

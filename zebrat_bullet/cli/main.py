@@ -16,11 +16,15 @@ from zebrat_bullet.cli import (
     collisions,
     curves,
     driving,
+    export,
     families,
     held_out,
     learning,
     parity,
     playing,
+    recording,
+    robustness,
+    ros,
     sweep,
     width,
     worlds,
@@ -55,6 +59,13 @@ def main(argv: list[str] | None = None) -> int:
         except Exception as error:
             if arguments.debug:
                 raise
+            if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("zebrat_bullet"):
+                print(
+                    f"zebrat {arguments.command}: needs {error.name}, which is not installed: pip install "
+                    "zebrat-bullet, with all it depends on",
+                    file=sys.stderr,
+                )
+                return 2
             said = " ".join(shown(error, 500).split())
             print(
                 f"zebrat {arguments.command}: this is a bug of ours: {type(error).__name__}: {said}; "
@@ -123,12 +134,16 @@ def _parser() -> argparse.ArgumentParser:
         curves,
         driving,
         playing,
+        export,
         worlds,
         bench,
         width,
+        robustness,
         held_out,
         families,
         parity,
+        recording,
+        ros,
         collisions,
     ):
         commands_of_a_kind.add(command)

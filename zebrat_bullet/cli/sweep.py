@@ -5,14 +5,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.live import Live
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note
 from zebrat_bullet.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 COLOURS: dict[str, str] = {"failed": "red", "running": "bold", "waiting": "dim", "done": "green"}
 """Of every state of a run, those first that a person wants to see first."""
@@ -67,11 +66,16 @@ def _live_table(arguments: argparse.Namespace, runs: Mapping[Path, Any]) -> Iter
     if arguments.quiet:
         yield lambda: None
         return
+    from rich.console import Console
+    from rich.live import Live
+
     with Live(_table(runs), console=Console(stderr=True), auto_refresh=False) as live:
         yield lambda: live.update(_table(runs), refresh=True)
 
 
-def _table(runs: Mapping[Path, Any]) -> Table:
+def _table(runs: Mapping[Path, Any]) -> "Table":
+    from rich.table import Table
+
     from zebrat_bullet.training.sweep_run import status
 
     at = {run: status(run) for run in runs}

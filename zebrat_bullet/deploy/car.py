@@ -56,12 +56,19 @@ class Car:
                 raise ConfigError(f"{name} must be a finite number above 0, got {value}")
 
 
+GRIP = 0.44
+"""Share of a wheel's load that it brakes with while the front wheels are turned, as measured of PyBullet's cars."""
+
+
 def car_of(robot: "RobotModel", physics: "PhysicsConfig") -> Car:
     """Return the car that a URDF describes, with the limits of a task (`robot.fitted`).
 
-    It brakes as its four wheel motors can.
+    It brakes as its four wheel motors and their grip can at full lock, where braking has to end its turning too and
+    takes longest. A rear wheel rolls as far as the axle's middle, a front wheel farther by 1 / cos(steering).
     """
-    force_n = 4.0 * robot.wheel_effort_nm / max(robot.wheel_radius_m, robot.front_radius_m)
+    force_n = min(robot.wheel_effort_nm / max(robot.wheel_radius_m, robot.front_radius_m), GRIP * robot.weight_n / 4.0)
+    lock = physics.max_steering_rad
+    mass_kg = robot.rolling_mass_kg + robot.yaw_inertia_kgm2 * (math.tan(lock) / robot.wheelbase_m) ** 2
     return Car(
         name=robot.source,
         outline_base=tuple((float(x), float(y)) for x, y in robot.footprint_base),
@@ -69,7 +76,7 @@ def car_of(robot: "RobotModel", physics: "PhysicsConfig") -> Car:
         wheelbase_m=robot.wheelbase_m,
         rear_axle_x_m=robot.rear_axle_x_m,
         max_speed_mps=physics.max_speed_mps,
-        max_steering_rad=physics.max_steering_rad,
+        max_steering_rad=lock,
         steering_rate_radps=robot.hinge_speed_radps,
-        deceleration_mps2=force_n / robot.rolling_mass_kg,
+        deceleration_mps2=force_n * (2.0 + 2.0 / math.cos(lock)) / mass_kg,
     )

@@ -17,7 +17,8 @@ from zebrat_bullet.sensing.beams import beam_bearings
 from zebrat_bullet.sensing.cloud_check import band_points, side_distances
 from zebrat_bullet.sensing.lidar import Lidar
 from zebrat_bullet.sensing.safety_region import SafetyRegion, make_region
-from zebrat_bullet.sim.simulation import Simulation, Touch
+from zebrat_bullet.sim.base import Touch
+from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.types import FlatScan, PointCloud, Pose2
 from zebrat_bullet.world.world import World
 

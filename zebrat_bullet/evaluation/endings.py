@@ -1,6 +1,6 @@
-"""How an agent's episodes end in worlds held in memory, many at once: on planar cars, or in PyBullet."""
+"""How an agent's episodes end in worlds held in memory, many at once: on planar cars, or in an engine."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import ENGINES, TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.planar_policy import cars_for
 from zebrat_bullet.evaluation.rollout import drive_episodes
@@ -19,7 +19,7 @@ from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
 from zebrat_bullet.world import World
 
-SIMULATORS = ("planar", "bullet")
+SIMULATORS = ("planar", *ENGINES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def planar_endings(
     return Endings(trial.outcome.reshape(shape), time_s.reshape(shape), trial.n_reversals.reshape(shape))
 
 
-def bullet_endings(
+def engine_endings(
     agent: str,
     task: TaskConfig,
     worlds: Sequence[World],
@@ -111,9 +111,10 @@ def bullet_endings(
     *,
     seed: int = 0,
     action_noise: float = 0.0,
+    supervised_m: float | None = None,
     workers: int | None = None,
 ) -> Iterator[tuple[int, Endings]]:
-    """Drive an agent's episodes in each world in PyBullet; yield the place and the endings of a world once it is done.
+    """Drive an agent's episodes in each world in the task's engine; yield place and endings of each that is done.
 
     Args:
         agent: its name, policy file or run folder.
@@ -121,6 +122,7 @@ def bullet_endings(
         episodes: in each world.
         seed: first part of every episode's seed; episode k of a world starts the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that the commands go through; None: there is none.
         workers: processes; None takes one a core.
 
     Raises:
@@ -131,15 +133,30 @@ def bullet_endings(
         raise ConfigError(f"name at least 1 world and 1 episode in each, got {len(worlds)}, {episodes}")
     with worker_pool(workers, len(worlds)) as pool:
         jobs = {
-            pool.submit(_drive_world, agent, task, world, seed, episodes, action_noise): i
+            pool.submit(_drive_world, agent, task, world, seed, episodes, action_noise, supervised_m): i
             for i, world in enumerate(worlds)
         }
         for job in as_completed(jobs):
             yield jobs[job], job.result()
 
 
-def _drive_world(agent: str, task: TaskConfig, world: World, seed: int, episodes: int, action_noise: float) -> Endings:
-    records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise))
+def in_order(found: Mapping[int, Endings]) -> Endings:
+    """Return the endings of all worlds in one, by their places."""
+    each = [found[i] for i in sorted(found)]
+    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals"))
+    return Endings(*(np.concatenate(part) for part in parts))
+
+
+def _drive_world(
+    agent: str,
+    task: TaskConfig,
+    world: World,
+    seed: int,
+    episodes: int,
+    action_noise: float,
+    supervised_m: float | None,
+) -> Endings:
+    records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise, supervised_m))
     outcome = np.array([[Outcome(record.outcome).code for record in records]], dtype=np.int8)
     time_s = np.array([[record.duration_s for record in records]])
     return Endings(outcome, time_s, np.array([[_n_reversals(record.command[:, 0]) for record in records]]))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.evaluation.endings import Endings, as_policy, planar_endings
+from zebrat_bullet.config import TaskConfig, with_engine
+from zebrat_bullet.evaluation.endings import Endings, as_policy, engine_endings, in_order, planar_endings
 from zebrat_bullet.evaluation.metrics import tracks_interval
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import generate_tracks
@@ -45,23 +45,40 @@ class TracksScore:
 
 
 def judge_generated(
-    agent: str, seeds: Sequence[int], starts: int, task: TaskConfig, *, action_noise: float = 0.0, workers: int = 1
+    agent: str,
+    seeds: Sequence[int],
+    starts: int,
+    task: TaskConfig,
+    *,
+    sim: str = "planar",
+    seed: int = 0,
+    action_noise: float = 0.0,
+    workers: int = 1,
 ) -> TracksScore:
-    """Drive a policy out of one generated track for each seed, several times, on planar cars.
+    """Drive an agent out of one generated track for each seed, several times.
 
     Args:
-        agent: a policy's name, file or run folder.
+        agent: its name, file or run folder.
         seeds: of the tracks.
-        starts, task, action_noise: as `planar_endings`.
-        workers: processes that draw the tracks.
+        starts: episodes in each track.
+        task: the task.
+        sim: "planar" for policies, the engines "bullet" and "mujoco" for any agent.
+        seed: of the episodes in an engine.
+        action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        workers: processes that draw the tracks, and drive in an engine.
 
     Raises:
         ConfigError: there are no seeds or starts, or the policy observes what this car does not.
-        PolicyError: the agent is no policy.
+        PolicyError: the agent is no policy and is to drive planar cars.
     """
-    policy = as_policy(load_agent(agent, task), agent)
+    loaded = load_agent(agent, task)
+    policy = as_policy(loaded, agent) if sim == "planar" else None
     worlds = list(generate_tracks(seeds, robot=load_robot(task.robot), workers=workers))
-    return tracks_score(planar_endings(policy, task, worlds, starts, action_noise=action_noise))
+    if policy is not None:
+        return tracks_score(planar_endings(policy, task, worlds, starts, action_noise=action_noise))
+    task = with_engine(task, sim)
+    driven = engine_endings(agent, task, worlds, starts, seed=seed, action_noise=action_noise, workers=workers)
+    return tracks_score(in_order(dict(driven)))
 
 
 def tracks_score(endings: Endings) -> TracksScore:

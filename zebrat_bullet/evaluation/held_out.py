@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import TaskConfig, with_engine
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, as_policy, bullet_endings, planar_endings
+from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, as_policy, engine_endings, in_order, planar_endings
 from zebrat_bullet.evaluation.generated import TracksScore, tracks_score
 from zebrat_bullet.evaluation.metrics import tracks_interval
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set
@@ -35,7 +35,7 @@ class SetScore:
 
     Attributes:
         set, sha256: which set.
-        sim: "planar" or "bullet".
+        sim: "planar", "bullet" or "mujoco".
         overall: over all tracks driven; its `by_track` goes with `seeds`.
         seeds: of the tracks driven.
         by_difficulty: by fifth of the difficulty, "0.0-0.2" and so on; those that hold a track.
@@ -63,10 +63,11 @@ class SetJudgement:
 
     Attributes:
         episodes: in each track.
-        sim: "planar" for policies, "bullet" for any agent.
+        sim: "planar" for policies, the engines "bullet" and "mujoco" for any agent.
         n_tracks: only so many, drawn from the seed; None takes all.
-        seed: of that draw, and of the episodes in PyBullet; the same for every agent.
+        seed: of that draw, and of the episodes in an engine; the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that the commands go through, not of planar cars; None: there is none.
         workers: processes.
         task: the task, with the car that the set is certified for.
     """
@@ -76,12 +77,15 @@ class SetJudgement:
     n_tracks: int | None = None
     seed: int = 0
     action_noise: float = 0.0
+    supervised_m: float | None = None
     workers: int = 1
     task: TaskConfig
 
     def __post_init__(self) -> None:
         if self.sim not in SIMULATORS:
             raise ConfigError(f"sim must be one of {', '.join(SIMULATORS)}, got {self.sim!r}")
+        if self.supervised_m is not None and self.sim == "planar":
+            raise ConfigError("planar cars have no whole scans for a supervisor; drive in PyBullet: --sim bullet")
 
 
 def judge_set(
@@ -143,15 +147,20 @@ def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable
 
         return planar_endings(policy, how.task, worlds, how.episodes, action_noise=how.action_noise, on_end=on_end)
     found: dict[int, Endings] = {}
-    driven = bullet_endings(
-        agent, how.task, worlds, how.episodes, seed=how.seed, action_noise=how.action_noise, workers=how.workers
+    driven = engine_endings(
+        agent,
+        with_engine(how.task, how.sim),
+        worlds,
+        how.episodes,
+        seed=how.seed,
+        action_noise=how.action_noise,
+        supervised_m=how.supervised_m,
+        workers=how.workers,
     )
     for i, endings in driven:
         found[i] = endings
         on_done(len(found))
-    each = [found[i] for i in range(len(worlds))]
-    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals"))
-    return Endings(*(np.concatenate(part) for part in parts))
+    return in_order(found)
 
 
 def _score(tracks: TrackSet, facts: Sequence[SetTrack], how: SetJudgement, endings: Endings) -> SetScore:

@@ -29,6 +29,7 @@ class Judgement:
         episodes: episodes in each world.
         seed: first part of every episode's seed; episode k of a world starts the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that the commands go through; None: there is none.
         records: folder for the episode records; None keeps none.
         workers: processes; None takes one a core.
         task: the task driven.
@@ -39,6 +40,7 @@ class Judgement:
     episodes: int
     seed: int = 0
     action_noise: float = 0.0
+    supervised_m: float | None = None
     records: Path | None = None
     workers: int | None = None
     task: TaskConfig
@@ -46,7 +48,7 @@ class Judgement:
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise ConfigError(f"episodes must be at least 1, got {self.episodes}")
-        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0))
+        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0), supervised_m=(0.0, 100.0))
         if not self.worlds:
             raise ConfigError("name at least one world")
 
@@ -104,7 +106,8 @@ def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[
     records = []
     warnings.simplefilter("ignore", WorldNote)  # said once, before the work was spread
     place = load_world(world, robot=load_robot(what.task.robot))
-    for record in drive_episodes(what.agent, what.task, place, what.seed, episodes, what.action_noise):
+    how = (what.action_noise, what.supervised_m)
+    for record in drive_episodes(what.agent, what.task, place, what.seed, episodes, *how):
         if what.records is not None:
             save_record(record, record_path(what.records, world, record.episode, what.worlds))
         records.append(record)

@@ -12,6 +12,31 @@ from zebrat_bullet.evaluation.records import EpisodeRecord
 
 
 @dataclass(frozen=True, kw_only=True)
+class Supervision:
+    """What a supervisor did to an agent in one world.
+
+    An intervention is a run of refused commands, one control step after the other. It is a false stop if none of these
+    commands would have led to contact: had the car obeyed it for its control step and then braked, its body would have
+    touched no wall, says the simulation.
+
+    Attributes:
+        margin_m: of the supervisor.
+        interventions, false_stops: how many.
+        per_minute, false_per_minute: of these, in a minute of simulated time.
+        stopped: share of the control steps that were refused.
+        stalls: episodes that ended by the stall rule with the last command refused: agent and supervisor stand off.
+    """
+
+    margin_m: float
+    interventions: int
+    false_stops: int
+    per_minute: float
+    false_per_minute: float
+    stopped: float
+    stalls: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Score:
     """How an agent did in one world (paper, IV-C).
 
@@ -21,6 +46,7 @@ class Score:
         time_s: mean simulated time of the successes; None when nothing succeeded.
         causes: number of episodes by outcome.
         privileged: what the agent was given beyond the lidar.
+        supervision: what the supervisor did; None where there was none.
     """
 
     success: float
@@ -30,13 +56,18 @@ class Score:
     time_s: float | None
     episodes: int
     caster: str
+    engine: str
     seed: int
     causes: dict[str, int]
     privileged: tuple[str, ...]
+    supervision: Supervision | None = None
 
     def as_dict(self) -> dict[str, object]:
         """Return the score as plain values for JSON."""
-        return asdict(self)
+        values = asdict(self)
+        if self.supervision is None:
+            del values["supervision"]
+        return values
 
 
 def wilson_interval(successes: float, episodes: float) -> tuple[float, float]:
@@ -82,7 +113,35 @@ def score(records: Sequence[EpisodeRecord]) -> Score:
         time_s=sum(times) / len(times) if times else None,
         episodes=n,
         caster=records[0].caster,
+        engine=records[0].engine,
         seed=records[0].seed,
         causes=causes,
         privileged=records[0].privileged,
+        supervision=_supervision(records),
     )
+
+
+def _supervision(records: Sequence[EpisodeRecord]) -> Supervision | None:
+    margin_m = records[0].supervised_m
+    if margin_m is None:
+        return None
+    runs = [run for record in records for run in interventions(record.refused)]
+    n, n_false = len(runs), sum(not run[:, 3].any() for run in runs)
+    minutes = sum(record.duration_s for record in records) / 60.0
+    stood_off = [len(r.refused) and r.refused[-1, 0] == len(r.command) - 1 and r.outcome == "stall" for r in records]
+    return Supervision(
+        margin_m=margin_m,
+        interventions=n,
+        false_stops=n_false,
+        per_minute=n / minutes,
+        false_per_minute=n_false / minutes,
+        stopped=sum(len(record.refused) for record in records) / sum(len(record.command) for record in records),
+        stalls=sum(map(bool, stood_off)),
+    )
+
+
+def interventions(refused: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the (K, 4) refused commands parted into runs of control steps one after the other."""
+    if not len(refused):
+        return []
+    return np.split(refused, np.flatnonzero(np.diff(refused[:, 0]) > 1.0) + 1)

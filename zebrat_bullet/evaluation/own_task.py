@@ -12,8 +12,8 @@ _PARTS = ("physics", "lidar", "flatten", "region")
 def as_trained(task: TaskConfig, agent: str, *, own_robot: bool) -> tuple[TaskConfig, list[str]]:
     """Return a task with limits, lidar, height band and safety region as an agent was trained with, and what changed.
 
-    Reward, episodes, noise and dynamics stay: they say what is judged. So do ray caster and cast bearings, which do not
-    change what is seen.
+    Reward, episodes, noise, dynamics and engine stay: they say what is judged. So do ray caster and cast bearings,
+    which do not change what is seen.
 
     Args:
         task: to be judged under.
@@ -30,7 +30,7 @@ def as_trained(task: TaskConfig, agent: str, *, own_robot: bool) -> tuple[TaskCo
     own = replace(
         task,
         robot=trained.robot if own_robot else task.robot,
-        physics=trained.physics,
+        physics=replace(trained.physics, engine=task.physics.engine),
         flatten=trained.flatten,
         region=trained.region,
         lidar=lidar,

@@ -1,5 +1,6 @@
 """Drives one episode with any agent and records it; the same for the judge, the replay and the video."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from zebrat_bullet.agents import PRIVILEGES, Agent, load_agent
+from zebrat_bullet.agents.supervised import SupervisedAgent, supervised
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import ConfigError, WorldError, ZebratError
@@ -45,32 +47,46 @@ def run_episode(
     readings, states = [reading], [drive.state]
     commands: list[Command] = []
     steps: list[DriveStep] = []
+    touching: list[bool] = []
     while not steps or steps[-1].outcome is None:
         command = agent.act(_with_privileges(reading, drive, agent))
+        if isinstance(agent, SupervisedAgent) and len(agent.refused) > len(touching):
+            wanted = agent.refused[-1].command
+            touching.append(_is_finite(wanted) and drive.sim.would_touch(wanted))
         step = drive.step(command)
         reading = step.reading
         commands.append(reading.last_command)
         steps.append(step)
         readings.append(reading)
         states.append(drive.state)
-    return _record(drive, agent, seed, episode, readings, states, commands, steps)
+    record = _record(drive, agent, seed, episode, readings, states, commands, steps)
+    return _with_refused(record, agent, touching) if isinstance(agent, SupervisedAgent) else record
 
 
 def drive_episodes(
-    agent: str, task: TaskConfig, world: World, seed: int, episodes: Sequence[int], action_noise: float = 0.0
+    agent: str,
+    task: TaskConfig,
+    world: World,
+    seed: int,
+    episodes: Sequence[int],
+    action_noise: float = 0.0,
+    supervised_m: float | None = None,
 ) -> Iterator[EpisodeRecord]:
-    """Drive some episodes of an agent in one world in PyBullet, one after the other.
+    """Drive some episodes of an agent in one world, one after the other.
 
     Args:
         agent: its name, policy file or run folder.
         task, world: what it drives in.
         seed, episodes: which episodes.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
+        supervised_m: margin of the supervisor that its commands go through; None: there is none.
 
     Raises:
         ZebratError: the agent cannot be loaded, or as `run_episode`.
     """
     driver = load_agent(agent, task, action_noise)
+    if supervised_m is not None:
+        driver = supervised(driver, task, supervised_m)
     drive = Drive(task, world)
     try:
         for episode in episodes:
@@ -121,7 +137,7 @@ def _check_privileges(agent: Agent) -> None:
 def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
     given: dict[str, Any] = {}
     if "pose" in agent.privileged:
-        given["state"] = drive.state
+        given["state"] = drive.believed
     if "map" in agent.privileged:
         given["walls"] = drive.world.walls
     if "goal" in agent.privileged:
@@ -131,6 +147,25 @@ def _with_privileges(reading: Reading, drive: Drive, agent: Agent) -> Reading:
     if "waypoint" not in agent.privileged and reading.waypoint is not None:
         given["waypoint"] = None  # the task's reward looks at it, the agent must not
     return replace(reading, **given) if given else reading
+
+
+def _is_finite(command: Command) -> bool:
+    return math.isfinite(command.speed_mps + command.steering_rad)
+
+
+def _with_refused(record: EpisodeRecord, agent: SupervisedAgent, touching: list[bool]) -> EpisodeRecord:
+    rows = [
+        (at.step, at.command.speed_mps, at.command.steering_rad, touches)
+        if _is_finite(at.command)
+        else (at.step, 0, 0, 0)
+        for at, touches in zip(agent.refused, touching, strict=True)
+    ]
+    return replace(
+        record,
+        supervised_m=agent.supervisor.margin_m,
+        refused=np.array(rows, dtype=np.float64).reshape(-1, 4),
+        reasons=tuple(at.reason for at in agent.refused),
+    )
 
 
 def _record(

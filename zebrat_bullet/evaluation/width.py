@@ -1,7 +1,5 @@
 """Success over the width of a passage: for every agent, shape of passage and sense of its turn."""
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -10,14 +8,13 @@ import numpy as np
 
 from zebrat_bullet.agents import Agent, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig, within
-from zebrat_bullet.config_text import to_json
+from zebrat_bullet.config import TaskConfig, with_engine, within
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, bullet_endings, planar_endings
+from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
-from zebrat_bullet.files import read_json
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES, passage, senses
 from zebrat_bullet.world.world import World
@@ -36,7 +33,7 @@ class WidthStudy:
         shapes: of `SHAPES`.
         widths_m: ascending.
         episodes: for each agent, shape, sense and width.
-        sim: "planar" or "bullet"; agents that are no policies are always driven in PyBullet.
+        sim: "planar", "bullet" or "mujoco"; where policies drive planar cars, other agents drive in PyBullet.
         seed: of the episodes in PyBullet; on planar cars they begin at a passage's own poses.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes; None takes one a core.
@@ -111,7 +108,8 @@ def run_study(
     """
     own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
-    _claim(study, folder)
+    task = with_engine(study.task, "bullet")  # the rows say what they were driven in
+    claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
     log = CsvLog(folder / "width.csv", COLUMNS)
     robot = load_robot(study.task.robot)
     courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
@@ -179,9 +177,10 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
     """Yield place and endings of each world."""
     if not worlds:
         return
-    if _sim(study, agent) == "bullet":
-        yield from bullet_endings(
-            name, study.task, worlds, study.episodes,
+    sim = _sim(study, agent)
+    if sim != "planar":
+        yield from engine_endings(
+            name, with_engine(study.task, sim), worlds, study.episodes,
             seed=study.seed, action_noise=study.action_noise, workers=study.workers,
         )  # fmt: skip
         return
@@ -193,14 +192,11 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
 
 
 def _sim(study: WidthStudy, agent: Agent) -> str:
-    return study.sim if isinstance(agent, PolicyAgent) else "bullet"
+    return study.sim if isinstance(agent, PolicyAgent) or study.sim != "planar" else "bullet"
 
 
 def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
-    weights = ""
-    if isinstance(agent, PolicyAgent):
-        arrays = (array for layer in agent.layers for array in layer)
-        weights = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]
+    weights = agent.weights_digest if isinstance(agent, PolicyAgent) else ""
     return WidthRow(
         agent=name, sim=_sim(study, agent), weights=weights, shape="", sense="", width_m=0.0,
         episodes=0, success=0, collision=0, false_exit=0, timeout=0, stall=0,
@@ -209,18 +205,3 @@ def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
 
 def _key(row: WidthRow) -> tuple[object, ...]:
     return row.agent, row.sim, row.weights, row.shape, row.sense, row.width_m
-
-
-def _claim(study: WidthStudy, folder: Path) -> None:
-    """Write what the rows of a folder have in common, or refuse a folder where it is something else."""
-    task = replace(study.task, lidar=replace(study.task.lidar, caster="bullet"))  # either gives the same cloud
-    common = {"seed": study.seed, "action_noise": study.action_noise, "task": json.loads(to_json(task))}
-    path = folder / "study.json"
-    if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(common, indent=1))
-    then = read_json(path, ConfigError)
-    if not isinstance(then, dict):
-        raise ConfigError(f"{path}: holds no settings of a study; name another --out")
-    if differing := [name for name in common if then.get(name) != common[name]]:
-        raise ConfigError(f"{folder} holds widths driven under another {', '.join(differing)}; name another --out")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import Range, TaskConfig
+from zebrat_bullet.config import Range, TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.car import NEAR_M
 from zebrat_bullet.planar.simulation import PlanarSimulation
@@ -74,7 +74,8 @@ class PlanarDrive:
         weights: (W,) chances of the worlds, or None where all are alike.
 
     Raises:
-        ConfigError: the task is guided, the device is not there, or its memory does not hold the cars.
+        ConfigError: the task is guided or disturbs what planar cars do not have, the device is not there, or its memory
+            does not hold the cars.
         WorldError: a world does not fit the plane, or has no place to begin.
     """
 
@@ -93,6 +94,7 @@ class PlanarDrive:
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
+        require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
         task = fitted(task)

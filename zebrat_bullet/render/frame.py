@@ -30,7 +30,7 @@ class Frame:
         speed_mps, steering_rad, time_s: shown as numbers and gauges.
         terms: reward term name to its weighted value in the last control step.
         title: what is driven by whom.
-        status: outcome of the episode; empty while it lasts.
+        status: outcome of the episode, or that the supervisor has stopped the car; else empty.
     """
 
     pose: Pose2

@@ -11,7 +11,7 @@ def set_table(scores: Mapping[str, SetScore]) -> str:
     Every rate stands with its 95 % interval.
     """
     first = next(iter(scores.values()))
-    simulator = "PyBullet" if first.sim == "bullet" else "planar cars"
+    simulator = {"bullet": "PyBullet", "mujoco": "MuJoCo"}.get(first.sim, "planar cars")
     title = f"{first.set} ({first.sha256[:12]}), {first.overall.tracks} tracks x {first.overall.starts}, {simulator}"
     rows = [
         "| agent | success | worst tenth of the tracks | time over the least possible | causes of the rest |",

@@ -20,18 +20,29 @@ def score_table(scores: Mapping[str, Score], certified: bool = True) -> str:
 
     Beside the time stands the least that any drive can take, where the world has a certificate and is `certified`: with
     this car, and begun where its own file says; the last column is
-    what the agent was given beyond the lidar.
+    what the agent was given beyond the lidar. Where a supervisor was between them, its interventions follow.
     """
     rows = [
         "| world | success | 95 % interval | collision | fail | time of successes, s | least possible | episodes "
         "| causes of the rest | beyond the lidar |",
         "|---|---|---|---|---|---|---|---|---|---|",
+        *(_row(world, score, certified) for world, score in scores.items()),
     ]
-    return "\n".join(rows + [_row(world, score, certified) for world, score in scores.items()])
+    if any(score.supervision for score in scores.values()):
+        more = [" stops a minute | of these false | stalled before a stop |", "---|---|---|"]
+        rows = [row + end for row, end in zip(rows, [*more, *map(_supervision_row, scores.values())], strict=True)]
+    return "\n".join(rows)
+
+
+def _supervision_row(score: Score) -> str:
+    at = score.supervision
+    return " - | - | - |" if at is None else f" {at.per_minute:.2f} | {at.false_per_minute:.2f} | {at.stalls} |"
 
 
 def comparison_table(scores: Mapping[str, Mapping[str, Score]], certified: bool = True) -> str:
     """Return one row an agent and one column a world: the success rate, and the mean time of the successes in s.
+
+    Where a supervisor was between them: also its stops a minute, and how many of these were false.
 
     The last row is the least time that any drive can take, where the world has a certificate; `certified` as above.
     """
@@ -58,7 +69,10 @@ def _least_time(world: str, certified: bool) -> str:
 
 
 def _cell(at: Score) -> str:
-    return f"{at.success:.0%}" + ("" if at.time_s is None else f", {at.time_s:.1f}")
+    said = f"{at.success:.0%}" + ("" if at.time_s is None else f", {at.time_s:.1f}")
+    if at.supervision is None:
+        return said
+    return f"{said}; {at.supervision.per_minute:.2f} stops a minute, {at.supervision.false_per_minute:.2f} false"
 
 
 def worlds_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:

@@ -21,6 +21,7 @@ from zebrat_bullet.types import Clearance, FlatScan, Pose2
 from zebrat_bullet.world import World, parse_reference
 
 DEFAULT_SIZE = (960, 540)
+_STOPPED = "stopped"  # by the supervisor
 _HOLD_S = 1.5  # the outcome stays on the screen this long
 
 
@@ -83,6 +84,7 @@ def episode_frames(
     caster.set_world(world)
     outline = region_outline(robot, task.region.margin_m)
     driven: list[tuple[float, float]] = []
+    refused = set(record.refused[:, 0].astype(int).tolist())
     for time_s in times_s:
         step, share = _locate(record.time_s, time_s)
         pose = _pose_at(record, step, share)
@@ -102,7 +104,7 @@ def episode_frames(
             time_s=float(time_s),
             terms=dict(zip(record.term_names, record.terms[min(step, len(record.terms) - 1)], strict=True)),
             title=f"{Path(parse_reference(record.world).name).stem} · {Path(record.agent.partition(':')[0]).stem}",
-            status=record.outcome if time_s >= record.duration_s else "",
+            status=record.outcome if time_s >= record.duration_s else _STOPPED if step in refused else "",
         )
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.assets import asset_folder, find_asset
+from zebrat_bullet.config import FOOTPRINTS
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.files import is_file, read_yaml, shown
 from zebrat_bullet.robot.model import ROLES
 
-FOOTPRINTS = ("auto", "collision", "hull")
 NUMBERS = {
     "steering_limit_rad": "largest angle of the steering hinges",
     "hinge_effort_nm": "torque of each steering hinge",

@@ -1,4 +1,4 @@
-"""One interface for the two ray casters."""
+"""One interface for the ray casters."""
 
 from typing import Protocol
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.sim.engine import require_engine
 from zebrat_bullet.world.world import World
 
 
@@ -33,24 +34,46 @@ class RayCaster(Protocol):
         """Repeat the library's own call for the beams that `cast` last aimed, the bare cast of a benchmark."""
 
 
-def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, client_id: int | None) -> RayCaster:
-    """Return the caster called "bullet" or "embree"; each library is loaded only when it is asked for.
+def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, client: object) -> RayCaster:
+    """Return the caster called "bullet", "mujoco" or "embree"; each library is loaded only when it is asked for.
 
     Args:
         name: which one.
         directions: (N, 3) unit vectors in the lidar frame.
         range_max_m: reach of the lidar.
-        client_id: PyBullet client of the simulation that holds walls and floor; needed by "bullet" alone.
+        client: of the simulation that holds walls and floor, which "bullet" and "mujoco" cast in; None: there is none.
 
     Raises:
-        ConfigError: "bullet" was asked for without a client.
+        ConfigError: the caster of an engine was asked for without a simulation in it.
     """
     if name == "embree":
         from zebrat_bullet.sensing.embree_caster import EmbreeCaster
 
         return EmbreeCaster(directions, range_max_m)
-    if client_id is None:
-        raise ConfigError("caster 'bullet' casts in a simulation's client, got None; pass client_id or use 'embree'")
+    if name == "mujoco":
+        return _mujoco_caster(directions, range_max_m, client)
+    if not isinstance(client, int):
+        raise ConfigError(
+            f"caster 'bullet' casts in a PyBullet simulation's client, got {_kind(client)}; pass its client_id, or use "
+            "'embree'"
+        )
     from zebrat_bullet.sensing.bullet_caster import BulletCaster
 
-    return BulletCaster(directions, range_max_m, client_id)
+    return BulletCaster(directions, range_max_m, client)
+
+
+def _mujoco_caster(directions: NDArray[np.float32], range_max_m: float, client: object) -> RayCaster:
+    require_engine("mujoco")
+    from zebrat_bullet.sensing.mujoco_caster import MujocoCaster
+    from zebrat_bullet.sim.mujoco.model import SceneHolder
+
+    if not isinstance(client, SceneHolder):
+        raise ConfigError(
+            f"caster 'mujoco' casts in a MuJoCo simulation's scene, got {_kind(client)}; drive with the engine "
+            "'mujoco' (task.physics.engine), or use 'embree'"
+        )
+    return MujocoCaster(directions, range_max_m, client)
+
+
+def _kind(client: object) -> str:
+    return "PyBullet's" if isinstance(client, int) else "none" if client is None else "MuJoCo's"

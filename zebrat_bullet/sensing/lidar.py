@@ -10,6 +10,7 @@ from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_directions
 from zebrat_bullet.sensing.casters import RayCaster, make_caster
+from zebrat_bullet.sensing.dark_walls import DarkWalls
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD, LevelFlattener, flatten_cloud
 from zebrat_bullet.sensing.noise import NoiseModel
 from zebrat_bullet.sensing.sight import check_sight
@@ -45,14 +46,14 @@ class Lidar:
         config: beams, reach and ray caster.
         noise: imperfections; its mount error moves the beams, while cloud and scan are read as if the URDF were right.
         flatten: height band of the scan.
-        client_id: PyBullet client of the simulation, whose walls, floor and ray filter the "bullet" caster uses.
+        client: of the simulation, whose walls and floor its engine's own caster looks at.
         watched: (W,) the bearings to which a sweep may be confined, by their scan indices; None for all.
 
     Attributes:
         caster: the ray caster, whose `trace` is the bare library call.
 
     Raises:
-        ConfigError: the "bullet" caster got no client.
+        ConfigError: an engine's caster got no client of that engine.
         RobotError: the lidar, where it is mounted, does not see walls beside the car.
     """
 
@@ -62,27 +63,31 @@ class Lidar:
         config: LidarConfig,
         noise: NoiseConfig,
         flatten: FlattenConfig,
-        client_id: int | None = None,
+        client: object = None,
         watched: NDArray[np.intp] | None = None,
     ) -> None:
         check_sight(robot, config, flatten)
         self._config = config
         self._flatten_config = flatten
-        self._noise = NoiseModel(noise)
         self._directions = beam_directions(config)
         self._flattener = LevelFlattener(config, flatten)
         self._mount_xyz = np.asarray(robot.lidar_xyz_base)
         self._mount_rotation = rotation_from_rpy(*robot.lidar_rpy)
-        self._true_xyz = self._mount_xyz + noise.mount_xyz_m
-        self._true_rotation = rotation_from_rpy(0.0, 0.0, noise.mount_yaw_rad) @ self._mount_rotation
+        self.disturb(noise)
         self._watched = watched
         channels = np.arange(0, len(self._directions), config.n_bearings)
         self._watched_beams = None if watched is None else np.add.outer(channels, watched).ravel()
-        self.caster: RayCaster = make_caster(config.caster, self._directions, config.range_max_m, client_id)
+        self.caster: RayCaster = make_caster(config.caster, self._directions, config.range_max_m, client)
 
     def set_world(self, world: World) -> None:
         """Look at this world from now on."""
         self.caster.set_world(world)
+
+    def disturb(self, noise: NoiseConfig, dark_walls: DarkWalls | None = None) -> None:
+        """Have these imperfections from now on, instead of those before; walls that give no return are one of them."""
+        self._noise, self._dark_walls = NoiseModel(noise), dark_walls
+        self._true_xyz = self._mount_xyz + noise.mount_xyz_m
+        self._true_rotation = rotation_from_rpy(0.0, 0.0, noise.mount_yaw_rad) @ self._mount_rotation
 
     def scan(self, state: RobotState, rng: np.random.Generator, *, watched_only: bool = False) -> FlatScan:
         """Return the flattened scan of one `sweep`."""
@@ -105,7 +110,11 @@ class Lidar:
         height = state.height_m + float(tilt[2] @ self._mount_xyz)
         part = watched_only and _is_level(rotation_level)
         beams = self._watched_beams if part else None
-        ranges = self.caster.cast(base + body @ self._true_xyz, body @ self._true_rotation, beams)
+        origin, rotation = base + body @ self._true_xyz, body @ self._true_rotation
+        ranges = self.caster.cast(origin, rotation, beams)
+        if self._dark_walls is not None:
+            directions = self._directions if beams is None else self._directions[beams]
+            ranges = self._dark_walls.apply(ranges, origin, directions @ rotation.T, self._config.range_max_m)
         return Sweep(self._with_noise(ranges, beams, rng), rotation_level, height, self._watched if part else None)
 
     def _with_noise(

@@ -45,6 +45,9 @@ class Car:
         self._hinge_speed = min(infos[name][11] for name in hinges)
         self._com_base: tuple[float, float, float] = client.getDynamicsInfo(self.body_id, -1)[3]
         self._set_filters_and_damping()
+        self._loaded = (1.0, 1.0)
+        links = range(-1, client.getNumJoints(self.body_id))
+        self._built = {link: client.getDynamicsInfo(self.body_id, link)[:3] for link in links}
 
     def _joint_info(self, index: int) -> tuple:
         return self._client.getJointInfo(self.body_id, index)
@@ -59,6 +62,21 @@ class Car:
             self._client.changeDynamics(self.body_id, link, linearDamping=0.0, angularDamping=0.0)
             if link not in self._wheels:  # a convex mesh would touch 1 mm outside of itself
                 self._client.changeDynamics(self.body_id, link, collisionMargin=0.0)
+
+    def load(self, mass: float, friction: float) -> None:
+        """Have the masses of the URDF times a factor, and the grip of its tyres times another, until the next call."""
+        if (mass, friction) == self._loaded:
+            return
+        self._loaded = (mass, friction)
+        for link, (own_mass, grip, inertia) in self._built.items():
+            # A mass given alone makes Bullet work out the inertia anew, from the shape.
+            self._client.changeDynamics(
+                self.body_id,
+                link,
+                mass=mass * own_mass,
+                localInertiaDiagonal=[mass * about for about in inertia],
+                lateralFriction=friction * grip if link in self._wheels else grip,
+            )
 
     def reset(self, pose: Pose2) -> None:
         """Stand the car still at `pose` with straight wheels, with no contact left from before."""

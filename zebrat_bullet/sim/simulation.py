@@ -1,49 +1,38 @@
-"""The physics of one car in one world, stepped a command at a time."""
+"""The car in PyBullet."""
 
-import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
-from itertools import chain
-from typing import Any
 
 import numpy as np
 import pybullet
-import shapely
+from numpy.typing import NDArray
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import SimulationError, WorldError
-from zebrat_bullet.robot import RobotModel, within_limits
-from zebrat_bullet.sim.ackermann import clip_command, wheel_targets
+from zebrat_bullet.errors import WorldError
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.sim.base import CarSimulation, Touch
 from zebrat_bullet.sim.car import GROUP_FLOOR, GROUP_WALLS, GROUP_WHEELS, Car
 from zebrat_bullet.sim.client import PhysicsClient, clear
-from zebrat_bullet.types import Command, Dynamics, Pose2, RobotState
 from zebrat_bullet.world.world import Mesh, World
 
 _NO_BODY = -1
 _ANY_LINK = -2
-AS_BUILT = Dynamics()
-"""The car as its URDF says."""
-Touch = tuple[Any, ...]
-"""A contact point as PyBullet's getContactPoints gives it."""
-
-_LOW_TOUCH_M = 0.01  # contacts lie on the wall's face, a little inside or outside of its outline
 
 
-class Simulation:
+class Simulation(CarSimulation):
     """A physics client of its own with a floor, the car, and the walls of the current world.
 
     Attributes:
-        client_id: PyBullet's physicsClientId, for a ray caster on the same client.
+        client, client_id: PyBullet's physicsClientId, for a ray caster on the same client.
         car_id, floor_id, walls_id: body ids; `walls_id` is -1 while there are no walls.
     """
 
     def __init__(self, robot: RobotModel, physics: PhysicsConfig) -> None:
-        self._robot = robot
-        self._physics = within_limits(physics, robot)
+        super().__init__(robot, physics)
         self._client = PhysicsClient()
-        self.client_id = self._client.id
+        self.client = self.client_id = self._client.id
         self._mesh_lists = _MeshLists()
-        self._world: World | None = None
         self._build(None)
 
     def _build(self, world: World | None) -> None:
@@ -53,6 +42,7 @@ class Simulation:
         self._car = Car(self._client, self._robot)
         self.car_id = self._car.body_id
         self.walls_id = _NO_BODY if world is None or not len(world.mesh.faces) else self._walls_body(world)
+        self._step_physics = self._client.stepSimulation
         self._wall_contacts = self._contacts_with(self.walls_id)
         self._world = world
 
@@ -71,15 +61,6 @@ class Simulation:
         self._client.changeDynamics(body_id, -1, lateralFriction=1.0, collisionMargin=0.0)
         return body_id
 
-    def set_world(self, world: World) -> None:
-        """Put the walls of `world` in place of those before; `reset` comes next. The same object again costs nothing.
-
-        Raises:
-            WorldError: the mesh is too big for PyBullet.
-        """
-        if world is not self._world:
-            self._build(world)
-
     def _walls_body(self, world: World) -> int:
         vertices, indices = self._mesh_lists.fill(world.mesh)
         try:
@@ -97,74 +78,23 @@ class Simulation:
                 f"{len(world.mesh.faces)} faces; it takes 131072 and 174762, so simplify the mesh"
             ) from error
 
-    def reset(self, pose: Pose2, dynamics: Dynamics = AS_BUILT) -> RobotState:
-        """Stand the car at `pose`, at rest, wheels straight; what happened before leaves no trace.
-
-        Args:
-            pose: where.
-            dynamics: how the car differs from its URDF until the next reset.
-
-        Raises:
-            SimulationError: the pose is not finite.
-        """
-        if not math.isfinite(pose.x + pose.y + pose.yaw):
-            raise SimulationError(f"a start pose must be finite, got {pose}")
-        self._dynamics = dynamics
-        self._n_late = self._physics.steps_in(dynamics.delay_s)
-        self._car.reset(pose)
-        self._drive(Command(0.0, 0.0))
-        return self._car.read(contact=False, unseen_contact=False)
-
     def touches(self) -> list[Touch]:
         """Return what the body touches where it stands now; no time passes."""
         self._client.performCollisionDetection()
         return list(self._wall_contacts())
 
-    def step(self, command: Command) -> RobotState:
-        """Drive one control step; the command is clipped to the limits.
+    @contextmanager
+    def _undone(self) -> Iterator[None]:
+        saved = self._client.saveState()
+        try:
+            yield
+        finally:
+            self._client.restoreState(saved)
+            self._client.removeState(saved)
 
-        Raises:
-            ActionError: the command is not finite; nothing was simulated.
-            SimulationError: the physics produced a number that is not finite.
-        """
-        return self.read(list(chain.from_iterable(self.substeps(command))))
-
-    def substeps(self, command: Command) -> Iterator[list[Touch]]:
-        """Drive one control step, a physics step at a time; yields what the body touches after each.
-
-        Raises:
-            ActionError: the command is not finite; nothing was simulated.
-        """
-        command = clip_command(command, self._physics)
-        step_physics, contacts = self._client.stepSimulation, self._wall_contacts
-        for i in range(self._physics.n_substeps + 1):
-            if i == self._n_late:
-                self._drive(command)
-            if i == self._physics.n_substeps:
-                return
-            step_physics()
-            yield contacts()
-
-    def _drive(self, command: Command) -> None:
-        """Set the motors to what the car makes of a command."""
-        dynamics, most = self._dynamics, self._physics.max_steering_rad
-        steering = max(-most, min(most, command.steering_rad + dynamics.steering_offset_rad))
-        targets = wheel_targets(Command(command.speed_mps * dynamics.speed, steering), self._robot)
-        self._car.drive(targets, dynamics.acceleration, dynamics.steering_rate)
-
-    def read(self, touches: list[Touch]) -> RobotState:
-        """Return the state now; `touches` are those since the control step began.
-
-        Raises:
-            SimulationError: the physics produced a number that is not finite.
-        """
-        return self._car.read(bool(touches), self._touches_low_obstacle(touches))
-
-    def _touches_low_obstacle(self, touches: list[Touch]) -> bool:
-        if not touches or self._world is None or self._world.low_obstacles.is_empty:
-            return False
-        points_world = np.array([touch[6][:2] for touch in touches])
-        return bool((shapely.distance(shapely.points(points_world), self._world.low_obstacles) < _LOW_TOUCH_M).any())
+    @staticmethod
+    def _touch_points(touches: list[Touch]) -> NDArray[np.float64]:
+        return np.array([touch[6][:2] for touch in touches])
 
     def close(self) -> None:
         """Free the physics client; the simulation is of no use afterwards. May be called twice."""

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
-from zebrat_bullet.sensing.lidar import Lidar
+from zebrat_bullet.sensing.lidar import Lidar, Sweep
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.sim.ackermann import clip_command
-from zebrat_bullet.sim.simulation import Simulation
-from zebrat_bullet.task.dynamics import draw_one
+from zebrat_bullet.sim.engine import make_simulation
+from zebrat_bullet.task.disturbances import Disturbances
 from zebrat_bullet.task.episode import EpisodeRules, Outcome, draw_pose, gates_of, open_lines
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.task.waypoints import WaypointGuide, check_waypoints
@@ -46,9 +46,13 @@ class Drive:
 
     Attributes:
         config: the task, with the limits of the car where they are lower, and the car named for any folder.
+        sweep: the revolution of the lidar that the last reading was made from.
+        state: the true state now.
+        believed: the same as the car's localisation knows it.
 
     Raises:
-        ConfigError: the reward names an unknown term, or looks at waypoints and the world has none.
+        ConfigError: the reward names an unknown term, or looks at waypoints and the world has none; or the engine is
+            not installed, or the ray caster is another engine's.
         RobotError: the URDF is none of a car, or its lidar sees no walls.
     """
 
@@ -60,14 +64,16 @@ class Drive:
         self.config = config
         self.world = world
         self.robot = load_robot(config.robot)
-        self.sim = Simulation(self.robot, config.physics)
+        self.sim = make_simulation(self.robot, config.physics)
         n = config.lidar.n_bearings
         self.region = make_region(self.robot, config.region, n)
         self._sides = list(side_bearings(n))
         watched = np.union1d(self.region.indices, self._sides) if config.lidar.bearings == "region" else None
-        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client_id, watched)
+        self.lidar = Lidar(self.robot, config.lidar, config.noise, config.flatten, self.sim.client, watched)
         self._rules = EpisodeRules(config.episode, self.robot, np.zeros((1, 3)))
         self.state: RobotState
+        self.sweep: Sweep
+        self.believed: RobotState
 
     def reset(
         self,
@@ -81,7 +87,7 @@ class Drive:
         """Begin an episode and return the first reading.
 
         Args:
-            rng: draws the start pose and the lidar noise; the same generator state gives the same episode.
+            rng: draws start pose, noise, dynamics and disturbances; the same generator state gives the same episode.
             world: a new world, or None for the last one.
             pose: an exact start pose, or None to draw one as the task says.
             guided: readings name the next waypoint, also where neither reward nor observation of the task need it.
@@ -94,9 +100,11 @@ class Drive:
         self.world = world or self.world
         self.sim.set_world(self.world)
         self.lidar.set_world(self.world)
-        self._noise_rng, dynamics_rng = rng.spawn(2)
-        dynamics = draw_one(self.config.dynamics, dynamics_rng)
-        self.state = self.sim.reset(pose or draw_pose(self.world, self.robot, self.config.episode, rng), dynamics)
+        self._noise_rng, dynamics_rng, disturbance_rng = rng.spawn(3)
+        disturbances = self._disturbances = Disturbances(self.config, dynamics_rng, disturbance_rng)
+        self.lidar.disturb(disturbances.noise, disturbances.dark_walls)
+        pose = pose or draw_pose(self.world, self.robot, self.config.episode, rng)
+        self.state = self.sim.reset(pose, disturbances.dynamics)
         max_steps = np.array([self.world.max_steps or self.config.episode.max_steps])
         self._rules.begin(np.array([0]), self._poses(), open_lines([self.world]), max_steps, gates_of([self.world]))
         self._guide = WaypointGuide(self.world, self.state.pose) if guided or self.config.guided else None
@@ -107,11 +115,13 @@ class Drive:
     def step(self, command: Command) -> DriveStep:
         """Drive one control step: command, physics, senses, end of episode, reward.
 
+        What disturbs the command on its way to the motors, neither reading nor reward learn of.
+
         Raises:
             ActionError: the command is not finite; nothing was simulated.
         """
         command = clip_command(command, self.config.physics)
-        self.state = self.sim.step(command)
+        self.state = self.sim.step(self._disturbances.at_motors(command))
         self._n_steps += 1
         nearer_m = self._guide.step(self.state.pose) if self._guide else 0.0
         reading = self._read(command)
@@ -123,7 +133,9 @@ class Drive:
         self.sim.close()
 
     def _read(self, command: Command) -> Reading:
-        scan = self.lidar.scan(self.state, self._noise_rng, watched_only=not self._whole_scans)
+        self.believed = self._disturbances.localised(self.state)
+        self.sweep = self.lidar.sweep(self.state, self._noise_rng, watched_only=not self._whole_scans)
+        scan = self.lidar.flat(self.sweep)
         clearance = self.region.measure(scan)
         time_s = self._n_steps * self.config.physics.control_step_s
         waypoint = self._guide.waypoint(self.state.pose) if self._guide else None

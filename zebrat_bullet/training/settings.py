@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from zebrat_bullet.config import MOST_SEED, LidarConfig, Range, TaskConfig, within
+from zebrat_bullet.config import MOST_SEED, LidarConfig, Range, TaskConfig, require_planar_cars, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.world import HELD_OUT_SEED, check_family
@@ -260,6 +260,8 @@ class TrainConfig:
         within(self, steps=(-math.inf, 10**12), max_minutes=(-math.inf, 1e7))
         if not self.worlds and not (self.planar and self.planar.n_tracks):
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
+        if self.planar:
+            require_planar_cars(self.task)
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
         if self.max_minutes is not None and self.max_minutes <= 0:

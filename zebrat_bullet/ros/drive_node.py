@@ -1,0 +1,196 @@
+"""The node `zebrat_drive`: scans in, commands out, a stop where it cannot rely on what it hears."""
+
+import math
+import re
+import time
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import LaserScan, PointCloud2
+
+from zebrat_bullet.deploy.decision import Decision
+from zebrat_bullet.deploy.driver import Driver
+from zebrat_bullet.deploy.supervisor import Supervisor
+from zebrat_bullet.errors import SensorError
+from zebrat_bullet.ros.latency import percentiles_ms
+from zebrat_bullet.ros.listen import Listener, create_publisher
+from zebrat_bullet.ros.messages import cloud_points, scan_ranges, seconds
+from zebrat_bullet.ros.parameters import DriveSettings
+from zebrat_bullet.ros.publish import ackermann_drive, ackermann_type, time_of, twist, twist_stamped
+from zebrat_bullet.types import Command
+
+_SAY_AGAIN_S = 10.0
+_FROZEN_CLOCK_S = 2.0
+"""Simulated time may stand still for so long before it counts as dead."""
+_ROUNDING_S = 1e-3
+_NUMBER = re.compile(r"[0-9.]+")
+_EARLY = 0.75
+"""A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
+
+
+class DriveNode:
+    """Drives by each scan, once a control step, and stops the car where none comes.
+
+    Args:
+        node: the node, with its parameters declared.
+        settings: they.
+        driver: the policy.
+        supervisor: what its commands must pass, None for nothing.
+    """
+
+    def __init__(self, node: Node, settings: DriveSettings, driver: Driver, supervisor: Supervisor | None) -> None:
+        self._node, self._settings, self._driver, self._supervisor = node, settings, driver, supervisor
+        self._sim_time = bool(node.get_parameter("use_sim_time").value)
+        cos, sin = math.cos(settings.lidar_yaw_rad), math.sin(settings.lidar_yaw_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
+        self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
+        self._heard: tuple[float, float] | None = None  # the last scan: by the node's clock, and the steady one
+        self._stamp_s, self._driven_s = -math.inf, -math.inf
+        self._said, self._said_s = "", -math.inf
+        self._sent_s = -math.inf
+        self.n_refused = self.n_silences = 0
+        self.work_s: deque[float] = deque(maxlen=100_000)
+        self.age_s: deque[float] = deque(maxlen=100_000)
+        kind = TwistStamped if settings.stamped else Twist
+        self._twists = create_publisher(node, kind, settings.command_topic, "reliable")
+        self.command_topic = self._twists.topic_name
+        self._ackermanns = None
+        if ackermann_type() and settings.ackermann_topic:
+            self._ackermanns = create_publisher(node, ackermann_type(), settings.ackermann_topic, "reliable")
+        if settings.odometry_topic:  # before the scan: both ready, it is heard first
+            Listener(node, Odometry, settings.odometry_topic, settings.reliability, self._on_odometry)
+        sensor = PointCloud2 if settings.input == "cloud" else LaserScan
+        self.listener = Listener(node, sensor, settings.sensor_topic, settings.reliability, self._on_scan)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(settings.watchdog_s / 10.0, self._watch, clock=steady)
+
+    def _now_s(self) -> float:
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._speed = float(message.twist.twist.linear.x), time.monotonic()
+
+    def _on_scan(self, message: Any) -> None:
+        begin_s, stamp_s = time.monotonic(), seconds(message.header.stamp)
+        now_s = self._now_s()
+        if not self._settings.trust_stamps:
+            stamp_s = now_s
+        if stamp_s == self._stamp_s:
+            return  # the same scan again: a lidar that hangs is as good as none
+        if stamp_s < self._stamp_s:  # a clock that was set, a bag begun anew
+            self._driven_s = -math.inf
+        self._stamp_s, self._heard = stamp_s, (now_s, begin_s)
+        if stamp_s - self._driven_s < _EARLY * self._driver.definition.control_step_s:
+            return
+        self._driven_s = stamp_s
+        self._send(self._checked(self._decide(message, now_s - stamp_s), now_s - stamp_s))
+        self.work_s.append(time.monotonic() - begin_s)
+        self.age_s.append(self._now_s() - stamp_s)
+
+    def _decide(self, message: Any, age_s: float) -> Decision:
+        try:
+            self._check_origin(message.header.frame_id, age_s)
+            if self._settings.input == "cloud":
+                return self._driver.drive_cloud(cloud_points(message), age_s, self._rotation)
+            first = float(message.angle_min) + self._settings.lidar_yaw_rad
+            return self._driver.drive_scan(scan_ranges(message), first, float(message.angle_increment), age_s)
+        except SensorError as error:
+            return Decision(self._stop(), f"{self.listener.topic}: {error}")
+
+    def _check_origin(self, frame: str, age_s: float) -> None:
+        """Refuse a scan from another frame, and one whose age cannot be told."""
+        if self._settings.lidar_frame and frame != self._settings.lidar_frame:
+            raise SensorError(
+                f"a scan in the frame {frame[:100]!r}, expected {self._settings.lidar_frame!r}; is it the right lidar? "
+                "Then name its frame in the parameter lidar_frame"
+            )
+        if self._sim_time and self._now_s() == 0.0:
+            raise SensorError("use_sim_time is true and nothing publishes /clock; set it to false on a real car")
+        if abs(age_s) > self._settings.watchdog_s:
+            raise SensorError(
+                f"a scan {age_s:.3f} s old by its stamp, at most {self._settings.watchdog_s:g} s are allowed; if the "
+                "lidar is alive, its clock differs from this computer's: synchronise them, set use_sim_time for a "
+                "simulated lidar, or trust_stamps to false"
+            )
+
+    def _stop(self) -> Command:
+        return Command(0.0, self._driver.last_command.steering_rad)
+
+    def _checked(self, decision: Decision, age_s: float) -> Decision:
+        """Return what the limits and the supervisor leave of a decision."""
+        speed, steering = self._settings.max_speed_mps, self._settings.max_steering_rad
+        command = Command(
+            max(-speed, min(speed, decision.command.speed_mps)),
+            max(-steering, min(steering, decision.command.steering_rad)),
+        )
+        if self._supervisor is not None:
+            scan = None if decision.refusal else self._driver.last_scan
+            checked = self._supervisor.check(command, scan, self._measured_speed(), None, max(0.0, age_s))
+            decision = replace(checked, refusal=decision.refusal or checked.refusal)
+            command = decision.command
+        self._driver.last_command = command
+        return replace(decision, command=command)
+
+    def _measured_speed(self) -> float | None:
+        """Return the last speed of the odometry, None where it is older than the watchdog allows."""
+        if self._speed is None or time.monotonic() - self._speed[1] > self._settings.watchdog_s:
+            return None
+        return self._speed[0]
+
+    def _watch(self) -> None:
+        """Stop the car where no scan has come for too long, each control step anew."""
+        self.listener.look()
+        if self._heard is None:
+            return
+        silent_s, limit_s = time.monotonic() - self._heard[1], self._settings.watchdog_s
+        if self._sim_time:
+            frozen = silent_s >= max(_FROZEN_CLOCK_S, limit_s)
+            silent_s = max(silent_s if frozen else 0.0, self._now_s() - self._heard[0])
+        again = time.monotonic() - self._sent_s >= self._driver.definition.control_step_s
+        if silent_s > limit_s - _ROUNDING_S and again:
+            self.n_silences += 1
+            refusal = f"no scan on {self.listener.topic} for {silent_s:.2f} s"
+            self._send(self._checked(Decision(self._stop(), refusal), 0.0))
+
+    def _send(self, decision: Decision) -> None:
+        self._publish(decision.command)
+        self.n_refused += bool(decision.refusal)
+        said = _NUMBER.sub("#", decision.refusal)
+        if said and (said != self._said or time.monotonic() - self._said_s >= _SAY_AGAIN_S):
+            self._said_s = time.monotonic()
+            self._node.get_logger().warning(f"stop: {decision.refusal}")
+        elif self._said and not said:
+            self._node.get_logger().info("drives on")
+        self._said = said
+
+    def _publish(self, command: Command) -> None:
+        self._sent_s = time.monotonic()
+        now_s = self._now_s()
+        if self._sim_time:  # which may be told later than the scan that it belongs to
+            now_s = max(now_s, self._stamp_s)
+        stamp, frame = time_of(now_s), self._settings.base_frame
+        car = self._driver.car
+        stamped = self._settings.stamped
+        self._twists.publish(twist_stamped(command, car, stamp, frame) if stamped else twist(command, car))
+        if self._ackermanns is not None:
+            self._ackermanns.publish(ackermann_drive(command, stamp, frame))
+
+    def end(self) -> dict[str, Any]:
+        """Tell the car to stop, and return what came of the run."""
+        self._publish(self._stop())
+        return {
+            "scans": self.listener.n_heard,
+            "commands": len(self.work_s),
+            "refused": self.n_refused,
+            "silences": self.n_silences,
+            "work_ms": percentiles_ms(self.work_s),
+            "scan_age_ms": percentiles_ms(self.age_s),
+        }

@@ -1,0 +1,137 @@
+"""A node's settings as ROS parameters: declared, checked once, and unknown ones refused."""
+
+import difflib
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+from zebrat_bullet.deploy.supervisor import MARGIN_M
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import shown
+
+ROS_S_OWN = ("use_sim_time", "start_type_description_service")
+RELIABILITIES = ("best_effort", "reliable")
+_Settings = TypeVar("_Settings")
+
+
+def parameter(default: Any, description: str) -> Any:
+    """Return a field of settings that is a ROS parameter."""
+    return field(default=default, metadata={"description": description})
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSettings:
+    """The parameters of the node `zebrat_drive`; each field's description is what ROS is told of it."""
+
+    policy: str = parameter("", "folder that zebrat export has written, or the name of a shipped policy")
+    input: str = parameter("cloud", "what to listen to: cloud (PointCloud2) or scan (LaserScan)")
+    cloud_topic: str = parameter("points", "PointCloud2 of the lidar")
+    scan_topic: str = parameter("scan", "LaserScan of the lidar")
+    odometry_topic: str = parameter("odom", "Odometry, for the supervisor; empty: none, it then reckons from commands")
+    command_topic: str = parameter("cmd_vel", "where the commands go as TwistStamped (Twist where stamped is false)")
+    ackermann_topic: str = parameter("ackermann_cmd", "where they go as AckermannDriveStamped, if its package is there")
+    lidar_frame: str = parameter("lidar", "frame_id that scans must have; empty: any")
+    lidar_yaw_rad: float = parameter(
+        0.0, "how far the lidar is turned about the vertical against the car, left positive"
+    )
+    base_frame: str = parameter("base_link", "frame_id of the commands")
+    reliability: str = parameter(
+        "best_effort", "QoS of the subscriptions: best_effort hears every publisher, or reliable"
+    )
+    stamped: bool = parameter(True, "commands carry a header")
+    trust_stamps: bool = parameter(True, "a scan's age is told by its stamp; false: as if measured on arrival")
+    watchdog_s: float = parameter(0.4, "no scan for so long, or one so old: stop")
+    supervised: bool = parameter(True, "the supervisor stops commands that lead into what the lidar sees")
+    margin_m: float = parameter(MARGIN_M, "the supervisor's distance around the car")
+    max_speed_mps: float = parameter(math.inf, "commands are cut off there; inf: the policy's own limit")
+    max_steering_rad: float = parameter(math.inf, "the same for the steering")
+
+    def __post_init__(self) -> None:
+        if self.input not in ("cloud", "scan"):
+            raise ConfigError(f"input must be cloud or scan, got {shown(self.input)!r}")
+        if self.reliability not in RELIABILITIES:
+            raise ConfigError(f"reliability must be {' or '.join(RELIABILITIES)}, got {shown(self.reliability)!r}")
+        if not self.command_topic:
+            raise ConfigError("command_topic must name a topic, got none")
+        if not 0.05 <= self.watchdog_s <= 10.0:
+            raise ConfigError(f"watchdog_s must be 0.05 to 10, got {self.watchdog_s}")
+        if not 0.0 <= self.margin_m <= 10.0:
+            raise ConfigError(f"margin_m must be 0 to 10, got {self.margin_m}")
+        if not math.isfinite(self.lidar_yaw_rad):
+            raise ConfigError(f"lidar_yaw_rad must be finite, got {self.lidar_yaw_rad}")
+        for name in ("max_speed_mps", "max_steering_rad"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")
+
+    @property
+    def sensor_topic(self) -> str:
+        """The topic that is listened to."""
+        return self.cloud_topic if self.input == "cloud" else self.scan_topic
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimSettings:
+    """The parameters of the node `zebrat_sim`."""
+
+    cloud_topic: str = parameter("points", "PointCloud2 of the lidar")
+    scan_topic: str = parameter("scan", "LaserScan: the same, flattened")
+    odometry_topic: str = parameter("odom", "Odometry, without error")
+    command_topic: str = parameter("cmd_vel", "TwistStamped to obey (Twist where stamped is false)")
+    ackermann_topic: str = parameter("ackermann_cmd", "AckermannDriveStamped to obey, if its package is there")
+    lidar_frame: str = parameter("lidar", "frame_id of cloud and scan")
+    base_frame: str = parameter("base_link", "child_frame_id of the odometry")
+    odometry_frame: str = parameter("odom", "frame_id of the odometry: the world")
+    reliability: str = parameter("best_effort", "QoS of cloud and scan: best_effort, as lidars are, or reliable")
+    stamped: bool = parameter(True, "commands carry a header")
+    timeout_s: float = parameter(0.4, "a command older than this: brake")
+
+    def __post_init__(self) -> None:
+        if self.reliability not in RELIABILITIES:
+            raise ConfigError(f"reliability must be {' or '.join(RELIABILITIES)}, got {shown(self.reliability)!r}")
+        if not 0.05 <= self.timeout_s <= 10.0:
+            raise ConfigError(f"timeout_s must be 0.05 to 10, got {self.timeout_s}")
+
+
+def make_node(name: str) -> Node:
+    """Return a node that has been given whatever parameters the command line and params files name for it."""
+    return Node(name, automatically_declare_parameters_from_overrides=True)
+
+
+def read_parameters(node: Node, kind: type[_Settings]) -> _Settings:
+    """Return a node's parameters as settings, and declare every one, so that ROS's tools list and describe them.
+
+    A whole number stands for a float too, which ROS alone would refuse.
+
+    Args:
+        node: of `make_node`.
+        kind: the settings' dataclass.
+
+    Raises:
+        ConfigError: a parameter is unknown, of another type, or out of its range; ROS ignores unknown ones in silence.
+    """
+    given = {name: each.value for name, each in node.get_parameters_by_prefix("").items()}
+    known = {each.name: each for each in fields(kind)}  # type: ignore[arg-type]
+    for name in given:
+        if name not in known and name not in ROS_S_OWN and not name.startswith("qos_overrides."):
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+            raise ConfigError(f"{node.get_name()} has no parameter {shown(name)!r}{hint}")
+    values = {}
+    for name, each in known.items():
+        value = given.get(name, each.default)
+        if type(each.default) is float and type(value) is int:
+            value = float(value)
+        if type(value) is not type(each.default):
+            raise ConfigError(
+                f"parameter {name} must be a {type(each.default).__name__}, got {shown(value)!r}, "
+                f"a {type(value).__name__}"
+            )
+        if name in given:
+            node.undeclare_parameter(name)
+        descriptor = ParameterDescriptor(description=each.metadata["description"], read_only=True)
+        node.declare_parameter(name, value, descriptor, ignore_override=True)
+        values[name] = value
+    return kind(**values)

@@ -1,0 +1,1 @@
+"""The same car and worlds in MuJoCo, the second engine."""
