@@ -320,6 +320,7 @@ def test_a_start_pose_is_three_numbers_of_any_kind(pose):
         ({"pose": (1.0, 2.0)}, r"a Pose2 or \(x, y, yaw\)"),
         ({"pose": "here"}, r"a Pose2 or \(x, y, yaw\)"),
         ({"pose": (1.0, 2.0, math.nan)}, "must be finite"),
+        ({"pose": (2.0, 0.3, 0.2)}, "puts the car into a wall of 'track_2'"),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(options, said):

@@ -28,7 +28,7 @@ ORDER = [
         "planar",
         "deploy",
     ),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "report", "bench"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "play", "report", "bench"),
     *("ros", "recording"),
     *("pytest_plugin", "cli"),
 ]

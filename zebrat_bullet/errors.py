@@ -18,7 +18,15 @@ class RobotError(ZebratError, ValueError):
 
 
 class WorldError(ZebratError, ValueError):
-    """A world file breaks the schema or describes a place that cannot be driven; names file, field and remedy."""
+    """A world file breaks the schema or describes a place that cannot be driven; names file, field and remedy.
+
+    Attributes:
+        at: where, (x, y) in m, world frame; None where the fault has no place.
+    """
+
+    def __init__(self, message: str, *, at: tuple[float, float] | None = None) -> None:
+        super().__init__(message)
+        self.at = at
 
 
 class ActionError(ZebratError, ValueError):

@@ -14,6 +14,7 @@ from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_rew
 from zebrat_bullet.config_text import from_plain
 from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.files import shown
+from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
@@ -108,7 +109,7 @@ class ZebratEnv(gymnasium.Env):
 
         Raises:
             EpisodeError: the environment is closed.
-            ConfigError: an option is unknown, or none that could be meant.
+            ConfigError: an option is unknown, or none that could be meant; or the car would stand in a wall there.
         """
         self._refuse_closed("reset")
         number, pose = _options(options)
@@ -120,6 +121,8 @@ class ZebratEnv(gymnasium.Env):
         rng = np.random.default_rng([self._seed, self._n_episodes])
         self._n_episodes += 1
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
+        if pose is not None and footprint_hits(world.walls, self.drive.robot.footprint_base, pose):
+            raise ConfigError(f"options['pose'] {tuple(pose)} puts the car into a wall of {world.name!r}; move it")
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
         self._begun, self._actions = {"episode": self._n_episodes - 1, "pose": pose}, []
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 
 KEYS = frozenset({"forward", "reverse", "left", "right", "stop"})
 DEAD_MAN_S = 0.5
+MOST_SEATS = 32
 
 
 class Hub:
@@ -24,9 +25,11 @@ class Hub:
         self._restart = False
         self._view, self._version = "null", 0
 
-    def join(self) -> str:
-        """Seat a tab and return its secret name."""
+    def join(self) -> str | None:
+        """Seat a tab and return its secret name; None where all seats are taken."""
         with self._changed:
+            if len(self._seats) >= MOST_SEATS:
+                return None
             seat = secrets.token_hex(8)
             self._seats[seat] = None
             self._changed.notify_all()

@@ -4,11 +4,9 @@ import json
 import time
 from collections.abc import Set
 
-import numpy as np
-from numpy.typing import NDArray
-
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.teleop.hub import Hub
+from zebrat_bullet.teleop.scene import view_of
 from zebrat_bullet.types import Command, Reading
 
 STEERING_STEPS = 3
@@ -60,15 +58,9 @@ class PersonAgent:
         assert reading.state is not None
         pose = reading.state.pose
         ready = reading.time_s == 0.0
-        view = show_view(
-            "ready" if ready else "driving",
-            (pose.x, pose.y, pose.yaw),
-            reading.scan.ranges_m,
-            reading.time_s,
-            reading.speed_mps,
-            reading.state.steering_rad,
-        )
-        self._hub.show(view)
+        here, steering = (pose.x, pose.y, pose.yaw), reading.state.steering_rad
+        view = view_of(here, reading.scan.ranges_m, reading.time_s, reading.speed_mps, steering)
+        self._hub.show(show_view("ready" if ready else "driving", view))
         if ready:
             self._hub.wait(lambda: bool(self._hub.keys() - {"stop"}))
         self._wait_for_tick()
@@ -85,22 +77,6 @@ class PersonAgent:
             raise RestartError
 
 
-def show_view(
-    phase: str,
-    pose: tuple[float, float, float],
-    ranges_m: NDArray[np.float32],
-    time_s: float,
-    speed_mps: float,
-    steering_rad: float,
-    **more: object,
-) -> str:
-    """Return what the page draws as JSON; ranges are whole millimetres to keep it small."""
-    view = {
-        "phase": phase,
-        "pose": [round(value, 4) for value in pose],
-        "scan_mm": np.rint(ranges_m * 1000.0).astype(int).tolist(),
-        "time_s": round(time_s, 3),
-        "speed_mps": round(speed_mps, 3),
-        "steering_rad": round(steering_rad, 3),
-    }
-    return json.dumps(view | more)
+def show_view(phase: str, view: dict[str, object], **more: object) -> str:
+    """Return what the page draws as JSON."""
+    return json.dumps({"phase": phase} | view | more)

@@ -5,9 +5,6 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-import numpy as np
-import shapely
-
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.judge import record_path
@@ -17,6 +14,7 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.teleop.hub import Hub
 from zebrat_bullet.teleop.person import PersonAgent, RestartError, show_view
+from zebrat_bullet.teleop.scene import car_of, view_of, walls_of
 from zebrat_bullet.teleop.server import TeleopServer
 from zebrat_bullet.world import load_world, require_winnable
 
@@ -92,31 +90,10 @@ def _next_episode(folder: Path, world: str) -> int:
 
 def _show_end(hub: Hub, record: EpisodeRecord, saved: int) -> None:
     x, y, yaw = record.pose[-1].tolist()
-    scan, steering = record.scan_m[-1], float(record.steering_rad[-1])
-    view = show_view("over", (x, y, yaw), scan, record.duration_s, 0.0, steering, outcome=record.outcome, saved=saved)
-    hub.show(view)
+    view = view_of((x, y, yaw), record.scan_m[-1], record.duration_s, 0.0, float(record.steering_rad[-1]))
+    hub.show(show_view("over", view, outcome=record.outcome, saved=saved))
 
 
 def _world_json(drive: Drive) -> str:
-    """Return what the page draws that never changes: walls, outlines, where the lidar and its 32 bearings are."""
-    region = drive.region
-    return json.dumps(
-        {
-            "name": drive.world.name,
-            "step_s": drive.config.physics.control_step_s,
-            "walls": [
-                [np.asarray(ring.coords).round(3).tolist() for ring in (polygon.exterior, *polygon.interiors)]
-                for polygon in drive.world.walls.geoms
-                if isinstance(polygon, shapely.Polygon)
-            ],
-            "footprint": np.asarray(drive.robot.footprint_base).round(4).tolist(),
-            "lidar": np.asarray(drive.robot.lidar_xyz_base[:2]).tolist(),
-            "wheelbase_m": drive.robot.wheelbase_m,
-            "track_m": drive.robot.track_m,
-            "wheel_radius_m": drive.robot.wheel_radius_m,
-            "rear_axle_x_m": drive.robot.rear_axle_x_m,
-            "range_max_m": drive.config.lidar.range_max_m,
-            "indices": [int(i) for i in region.indices],
-            "range_m": region.range_m.round(4).tolist(),
-        }
-    )
+    """Return what the page draws that never changes."""
+    return json.dumps({"name": drive.world.name, "walls": walls_of(drive.world)} | car_of(drive))

@@ -23,8 +23,9 @@ U_WALL_M = 0.1
 # Straights before and behind the turn that no corner takes anything of; the car begins 1 m from the closed end.
 _BEFORE_M, _BEHIND_M, _BEGIN_M = 2.5, 2.0, 1.0
 # At every pose of its start range the car is so far from the walls.
-_START_GAP_M = 0.02
-_RANGE_Y_M, _RANGE_YAW_RAD = 0.1, 0.15
+START_GAP_M = 0.02
+RANGE_Y_M, RANGE_YAW_RAD = 0.1, 0.15
+"""The usual range of a start."""
 
 
 def passage(shape: str, width_m: float, sense: str = "left", robot: RobotModel | None = None) -> World:
@@ -47,18 +48,18 @@ def passage(shape: str, width_m: float, sense: str = "left", robot: RobotModel |
         raise ConfigError(f"no passage {shape!r} with the sense {sense!r}; there are {known}")
     robot = robot or default_robot()
     car_width = float(np.ptp(robot.footprint_base[:, 1]))
-    if width_m <= car_width + 2 * _START_GAP_M:
+    if width_m <= car_width + 2 * START_GAP_M:
         raise WorldError(
             f"a passage {width_m:.3f} m wide leaves no room to begin to a car of {car_width:.3f} m; "
-            f"make it wider than {car_width + 2 * _START_GAP_M:.3f} m"
+            f"make it wider than {car_width + 2 * START_GAP_M:.3f} m"
         )
-    share = _start_share(width_m, robot.footprint_base)
+    share = start_share(width_m, robot.footprint_base)
     name = f"{shape}-{sense}-{width_m:.3f}"
     spec = WorldSpec(
         name=name,
         description=f"{shape}, {width_m:.3f} m wide",
         segments=_segments(shape, width_m, 1.0 if sense == "left" else -1.0),
-        start=StartSpec(at_m=_BEGIN_M, range_y_m=share * _RANGE_Y_M, range_yaw_rad=share * _RANGE_YAW_RAD),
+        start=StartSpec(at_m=_BEGIN_M, range_y_m=share * RANGE_Y_M, range_yaw_rad=share * RANGE_YAW_RAD),
     )
     world = build_world(spec, Path(name))
     check_closed(world, name)
@@ -85,13 +86,18 @@ def _segments(shape: str, width: float, side: float) -> list[Straight | Turn]:
     ]
 
 
-def _start_share(width_m: float, footprint: NDArray[np.float64]) -> float:
-    """Return the largest share of the usual start range, in twentieths, that a straight leaves room for."""
+def start_share(width_m: float, footprint: NDArray[np.float64]) -> float:
+    """Return the largest share of the usual start range, in twentieths, that a straight leaves room for.
+
+    Args:
+        width_m: of the straight.
+        footprint: (K, 2) float64, corners of the car in its base frame, m.
+    """
     x, y = footprint.T
     for share in np.linspace(1.0, 0.0, 21):
-        yaws = np.linspace(-1.0, 1.0, 9)[:, None] * share * _RANGE_YAW_RAD
-        reach = np.abs(x * np.sin(yaws) + y * np.cos(yaws)).max() + share * _RANGE_Y_M
-        if reach <= width_m / 2 - _START_GAP_M:
+        yaws = np.linspace(-1.0, 1.0, 9)[:, None] * share * RANGE_YAW_RAD
+        reach = np.abs(x * np.sin(yaws) + y * np.cos(yaws)).max() + share * RANGE_Y_M
+        if reach <= width_m / 2 - START_GAP_M:
             return float(share)
     return 0.0
 

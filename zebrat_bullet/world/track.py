@@ -67,7 +67,7 @@ def lay_track(segments: Sequence[Straight | Turn], source: str) -> Track:
     line, line_widths = [pose], []
     laid, turns = [], []
     for i, (segment, width) in enumerate(zip(segments, widths, strict=True)):
-        _check_fit(segment, width, takes[i] + takes[i + 2], f"{source}: segments[{i}]")
+        _check_fit(segment, width, takes[i] + takes[i + 2], f"{source}: segments[{i}]", (pose.x, pose.y))
         piece, course, pose = _lay(segment, width, pose, takes[i], takes[i + 1], takes[i + 2])
         run = sum(math.dist((a.x, a.y), (b.x, b.y)) for a, b in pairwise([line[-1], *course]))
         if isinstance(segment, Turn):
@@ -136,17 +136,19 @@ def _check_order(segments: Sequence[Straight | Turn], source: str) -> None:
         raise WorldError(f"{source}: segments: a track begins and ends with a straight; add one")
 
 
-def _check_fit(segment: Straight | Turn, width: float, taken: float, where: str) -> None:
+def _check_fit(segment: Straight | Turn, width: float, taken: float, where: str, at: tuple[float, float]) -> None:
     """Refuse a straight shorter than what the sharp corners beside it take, or a turn tighter than its inner wall."""
     if isinstance(segment, Straight) and segment.straight < taken - 1e-9:
         raise WorldError(
             f"{where}.straight: {segment.straight} m is shorter than the {taken:.2f} m that its sharp corners take; "
-            "lengthen it or give the turns a radius"
+            "lengthen it or give the turns a radius",
+            at=at,
         )
     if isinstance(segment, Turn) and 0 < segment.radius < width / 2:
         raise WorldError(
             f"{where}.radius: {segment.radius} m is less than half the width {width} m, so the inner wall would cross "
-            "itself; enlarge the radius, or 0 for a sharp corner"
+            "itself; enlarge the radius, or 0 for a sharp corner",
+            at=at,
         )
 
 
@@ -246,7 +248,9 @@ def _check_apart(laid: list[tuple[int, shapely.Polygon]], takes: list[float], so
     bad[~joined] = shapely.distance(shapes[first[~joined]], shapes[second[~joined]]) < THINNEST_WALL_M
     if bad.any():
         i, j = owners[first[bad][0]], owners[second[bad][0]]
+        meet = shapely.shortest_line(shapes[first[bad][0]], shapes[second[bad][0]]).centroid
         raise WorldError(
             f"{source}: segments[{j}]: the track runs into its own segments[{i}], so their walls would cross; "
-            "lengthen a straight between them or enlarge the radius of a turn"
+            "lengthen a straight between them or enlarge the radius of a turn",
+            at=(meet.x, meet.y),
         )

@@ -86,7 +86,8 @@ def _check_start(world: World, robot: RobotModel, source: str) -> None:
         raise WorldError(
             f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands in a wall or outside the free space for "
             "some pose of its random range; move the start or make start.range_x_m, range_y_m, range_yaw_rad smaller"
-            f"{_free_start(world, robot)}"
+            f"{_free_start(world, robot)}",
+            at=(pose.x, pose.y),
         )
     if area.intersection(world.unknown_ground).area > _LEAST_UNKNOWN_M2:
         raise WorldError(
@@ -145,7 +146,8 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
     if width <= car_width:
         raise WorldError(
             f"{source}: width: the passage at ({x:.2f}, {y:.2f}) is {width:.2f} m wide and the car {car_width:.2f} m; "
-            "widen that segment or move the obstacle there"
+            "widen that segment or move the obstacle there",
+            at=(float(x), float(y)),
         )
     room = shapely.get_parts(world.free_space.buffer(-car_width / 2))
     begin = world.start.pose
@@ -166,21 +168,24 @@ def _check_open_space(world: World, open_line: NDArray[np.float64], robot: Robot
         raise WorldError(
             f"{source}: open_line: open space (left + right > {OPEN_WIDTH_M} m) is already seen at "
             f"({early[0]:.2f}, {early[1]:.2f}), before the line; close gaps in the walls, narrow "
-            "the passage there, or give it a goal, which then decides"
+            "the passage there, or give it a goal, which then decides",
+            at=(float(early[0]), float(early[1])),
         )
     exit_yaw = _headings(world.centre_line)[-1]
     past = shapely.LineString(world.centre_line).difference(world.free_space.buffer(_ON_LINE_M))
     if past.buffer(float(np.ptp(robot.footprint_base[:, 1])) / 2).intersects(world.walls):
         raise WorldError(
             f"{source}: open_line: a wall stands in the way out between the line and the end of the centre line; "
-            "open the exit there or lead it elsewhere"
+            "open the exit there or lead it elsewhere",
+            at=(float(open_line[:, 0].mean()), float(open_line[:, 1].mean())),
         )
     out = np.array([math.cos(exit_yaw), math.sin(exit_yaw)])
     lidar = open_line.mean(axis=0) + np.linspace(0.05, _FIRE_WITHIN_M, 20)[:, None] * out
     if not (open_width(lidar, np.full(20, exit_yaw), segments) > OPEN_WIDTH_M).any():
         raise WorldError(
             f"{source}: open_line: within {_FIRE_WITHIN_M} m past the line left + right stays under {OPEN_WIDTH_M} m, "
-            "so no car would know that it is out; move walls and obstacles away from the exit"
+            "so no car would know that it is out; move walls and obstacles away from the exit",
+            at=(float(open_line[:, 0].mean()), float(open_line[:, 1].mean())),
         )
 
 
