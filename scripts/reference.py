@@ -16,6 +16,9 @@ from pydantic import BaseModel
 
 from zebrat_bullet import config
 from zebrat_bullet.cli.main import make_parser
+from zebrat_bullet.planning.dwa.config import DwaConfig
+from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
+from zebrat_bullet.planning.teb.config import TebConfig
 from zebrat_bullet.training import cloning, collapses, imitation, settings
 from zebrat_bullet.world import schema
 
@@ -40,8 +43,11 @@ CONFIGS: tuple[tuple[str, str, type], ...] = (
     ("learner", "PPO", settings.PPOConfig),
     ("", "Imitation", imitation.ImitationConfig),
     ("clone", "Imitation: the network", cloning.CloneConfig),
+    ("", "DWA", DwaConfig),
+    ("", "TEB", TebConfig),
+    ("", "Oracle", HybridAStarConfig),
 )
-"""Where each is in `--set`, its heading, and the class."""
+"""Where each is in `--set`, its heading, and the class; planners' settings stand behind the agent's name."""
 
 SETTINGS_HEAD = """\
 # Settings
@@ -49,7 +55,8 @@ SETTINGS_HEAD = """\
 Every setting is a field of a frozen dataclass: `--set task.noise.range_sigma_m=0.01` on the command line, `task={"noise": {...}}`
 or the class itself in Python, and `config.json` in every run's folder. A name that does not exist and a value out of its bounds are
 refused. `zebrat train` and `sweep` take all but those of imitation, which `imitate` takes; `evaluate`, `video`, `record` and `robustness` take
-those of `task.`. Which learner's settings count is said by `--algo`.
+those of `task.`. Which learner's settings count is said by `--algo`. Those of the planners stand behind
+the agent's name: `--agent dwa:inflation_radius_m=0.3,allow_reverse=true`.
 
 Written by `scripts/docs` from the docstrings.
 """
@@ -156,7 +163,8 @@ def settings_page() -> str:
             if inner and field.name not in meanings or field.name == "algo" and field.name not in meanings:
                 continue
             name = f"{path}.{field.name}".lstrip(".")
-            rows.append(f"`{name}` | {default} | {_cell(meanings.get(field.name, ''))}")
+            group = next((said for key, said in meanings.items() if key.endswith("*") and name.startswith(key[:-1])), "")
+            rows.append(f"`{name}` | {default} | {_cell(meanings.get(field.name, group))}")
         summary = (inspect.getdoc(kind) or "").split("\n\nAttributes:")[0]
         parts += [f"## {title}", f"`{kind.__name__}`. {' '.join(summary.split())}", _table("setting | default | what", rows)]
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
@@ -165,7 +173,7 @@ def settings_page() -> str:
 def attributes(kind: type) -> dict[str, str]:
     """Return what the "Attributes:" of a docstring say of each name; names before one colon share a text."""
     _, _, text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")
-    found = re.findall(r"^    (\w+(?:, \w+)*): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
+    found = re.findall(r"^    ([\w*]+(?:, \w+)*): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
     return {name: " ".join(meaning.split()) for names, meaning in found for name in names.split(", ")}
 
 
