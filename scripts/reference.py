@@ -52,11 +52,12 @@ CONFIGS: tuple[tuple[str, str, type], ...] = (
 SETTINGS_HEAD = """\
 # Settings
 
-Every setting is a field of a frozen dataclass: `--set task.noise.range_sigma_m=0.01` on the command line, `task={"noise": {...}}`
-or the class itself in Python, and `config.json` in every run's folder. A name that does not exist and a value out of its bounds are
-refused. `zebrat train` and `sweep` take all but those of imitation, which `imitate` takes; `evaluate`, `video`, `record` and `robustness` take
-those of `task.`. Which learner's settings count is said by `--algo`. Those of the planners stand behind
-the agent's name: `--agent dwa:inflation_radius_m=0.3,allow_reverse=true`.
+Every setting is a field of a frozen dataclass: `--set task.noise.range_sigma_m=0.01` on the command line,
+`task={"noise": {...}}` or the class itself in Python, and `config.json` in every run's folder. A name that does not
+exist and a value out of its bounds are refused. `zebrat train` and `sweep` take all but those of imitation, which
+`imitate` takes; `evaluate`, `video`, `record` and `robustness` take those of `task.`. Which learner's settings count is
+said by `--algo`. Those of the planners stand behind the agent's name:
+`--agent dwa:inflation_radius_m=0.3,allow_reverse=true`.
 
 Written by `scripts/docs` from the docstrings.
 """
@@ -64,16 +65,17 @@ Written by `scripts/docs` from the docstrings.
 CLI_HEAD = """\
 # Command line
 
-`zebrat COMMAND --help` says the same. Results go to standard output, all else to standard error; the exit status is 0, 1 after a part
-of the work, 2 after a mistake of the user's, 3 after one of ours. Written by `scripts/docs` from the parser.
+`zebrat COMMAND --help` says the same. Results go to standard output, all else to standard error; the exit status is 0,
+1 after a part of the work, 2 after a mistake of the user's, 3 after one of ours. Written by `scripts/docs` from the
+parser.
 """
 
 WORLDS_HEAD = """\
 # World files
 
-A world is a YAML file like those in `worlds/`; [your own world](your_own_world.md) shows one of each kind. Lengths are in metres, angles in
-degrees where the key does not say `_rad`. A key that does not exist and a value out of its bounds are refused with the file, the field and the
-remedy. Written by `scripts/docs` from `zebrat_bullet/world/schema.py`.
+A world is a YAML file like those in `worlds/`; [your own world](your_own_world.md) shows one of each kind. Lengths are
+in metres, angles in degrees where the key does not say `_rad`. A key that does not exist and a value out of its bounds
+are refused with the file, the field and the remedy. Written by `scripts/docs` from `zebrat_bullet/world/schema.py`.
 """
 
 _LEAST_LOOSE = 999
@@ -146,9 +148,13 @@ def _takes(action: argparse.Action) -> str:
         return {"+": " ...", "*": " ...", "...": " ..."}.get(str(action.nargs), "")
     if isinstance(action.metavar, tuple):
         return " " + " ".join(action.metavar)
-    one = "{" + ",".join(map(str, action.choices)) + "}" if action.choices else str(action.metavar or action.dest.upper())
+    one = str(action.metavar or action.dest.upper())
+    if action.choices:
+        one = "{" + ",".join(map(str, action.choices)) + "}"
+    if isinstance(action.nargs, int):
+        return " " + " ".join([one] * action.nargs)
     several = {"+": f"{one} ...", "*": f"[{one} ...]", "?": f"[{one}]", "...": "..."}
-    return " " + (" ".join([one] * action.nargs) if isinstance(action.nargs, int) else several.get(str(action.nargs), one))
+    return " " + several.get(str(action.nargs), one)
 
 
 def settings_page() -> str:
@@ -158,15 +164,13 @@ def settings_page() -> str:
         meanings = attributes(kind)
         rows = []
         for field in fields(kind):
-            default = _default(field)
-            inner = _settings_class(field)
-            if inner and field.name not in meanings or field.name == "algo" and field.name not in meanings:
+            said = meanings.get(field.name) or _of_group(field.name, meanings)
+            if not said and (field.name == "algo" or _settings_class(field)):
                 continue
-            name = f"{path}.{field.name}".lstrip(".")
-            group = next((said for key, said in meanings.items() if key.endswith("*") and name.startswith(key[:-1])), "")
-            rows.append(f"`{name}` | {default} | {_cell(meanings.get(field.name, group))}")
+            rows.append(f"`{f'{path}.{field.name}'.lstrip('.')}` | {_default(field)} | {_cell(said)}")
         summary = (inspect.getdoc(kind) or "").split("\n\nAttributes:")[0]
-        parts += [f"## {title}", f"`{kind.__name__}`. {' '.join(summary.split())}", _table("setting | default | what", rows)]
+        parts += [f"## {title}", f"`{kind.__name__}`. {' '.join(summary.split())}"]
+        parts.append(_table("setting | default | what", rows))
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
 
 
@@ -175,6 +179,11 @@ def attributes(kind: type) -> dict[str, str]:
     _, _, text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")
     found = re.findall(r"^    ([\w*]+(?:, \w+)*): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
     return {name: " ".join(meaning.split()) for names, meaning in found for name in names.split(", ")}
+
+
+def _of_group(name: str, meanings: dict[str, str]) -> str:
+    """Return what is said of `weight_*` for a name that begins so."""
+    return next((said for key, said in meanings.items() if key.endswith("*") and name.startswith(key[:-1])), "")
 
 
 def _settings_class(field: Field) -> bool:
