@@ -129,6 +129,7 @@ def test_the_families_of_the_readme_are_those_of_the_results() -> None:
     assert table and table[0] in (DOCS / "results.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_five_minute_start_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
