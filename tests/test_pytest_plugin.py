@@ -111,7 +111,7 @@ def test_a_mistake_says_what_is_allowed(run, code: str, message: str) -> None:
     ("marker", "message"),
     [
         ("margin=0.02", "*robot=, caster=, margin_m=, n_bearings=, resolution_m= only; got margin*"),
-        ("caster='cuda'", "*caster must be 'bullet' or 'embree', got 'cuda'*"),
+        ("caster='cuda'", "*caster must be one of bullet, embree, mujoco, got 'cuda'*"),
         ("margin_m=-1", "*margin_m must be at least 0, got -1*"),
         ("robot='tank'", "*no urdf named 'tank'*"),
     ],

@@ -146,7 +146,7 @@ def test_a_run_leaves_all_that_is_needed_to_trust_it(tmp_path):
 def kill_after_episode(folder, config, episode: int) -> None:
     """Train in a process of its own and kill it without warning once so many episodes are logged."""
     code = (
-        "import sys; from pathlib import Path; from zebrat_bullet.config import from_json; "
+        "import sys; from pathlib import Path; from zebrat_bullet.config_text import from_json; "
         "from zebrat_bullet.training.presets import TrainConfig; from zebrat_bullet.training.run import train; "
         "train(from_json(TrainConfig, sys.argv[1]), Path(sys.argv[2]))"
     )
