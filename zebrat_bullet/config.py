@@ -257,7 +257,11 @@ RANDOM_DYNAMICS = DynamicsConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class FlattenConfig:
-    """The height band, in m above the floor, whose points make the 2D scan."""
+    """The height band whose points make the 2D scan.
+
+    Attributes:
+        height_min_m, height_max_m: its ends, in m above the floor.
+    """
 
     height_min_m: float = 0.05
     height_max_m: float = 0.80
@@ -388,7 +392,11 @@ class EpisodeConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
-    """The whole task: the car in a world, its senses, its observation, its reward and its episode rules."""
+    """The whole task: the car in a world, its senses, its observation, its reward and its episode rules.
+
+    Attributes:
+        robot: name of a shipped car, or a URDF, with settings of it after a colon.
+    """
 
     robot: str = "zebrat"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)

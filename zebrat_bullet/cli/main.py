@@ -40,7 +40,7 @@ _python_format = warnings.formatwarning
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
-    arguments = _parser().parse_args(argv)
+    arguments = make_parser().parse_args(argv)
     status = 0
     warnings.formatwarning = _format_warning
     with _real_stdout() as stdout:
@@ -117,7 +117,8 @@ def _common_options() -> argparse.ArgumentParser:
     return made
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of every command: what `zebrat --help` and the reference page show."""
     parser = argparse.ArgumentParser(prog="zebrat", description="Learn to drive out of narrow spaces.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)

@@ -36,14 +36,14 @@ class HybridAStarConfig:
     """How finely the search looks, and what it dislikes; costs in metres of driving.
 
     Attributes:
-        max_steering_rad: arcs are driven with at most this steering, `n_steering` angles evenly spaced.
+        max_steering_rad, n_steering: arcs are driven with at most this steering, so many angles evenly spaced.
         arc_m: length of an arc.
         cell_m, n_yaw: size of a cell, and into how many the full turn is divided.
         tight_m: nearer than this to a wall cells are half as large, in searches for margins of less than half of it.
         reverse_cost: of each metre driven backward, on top of its length.
         reversal_cost: of each change between forward and backward.
         steering_cost: of each radian of change in steering.
-        nearness_cost: of each metre driven along a wall; it falls to 0 at `wide_m` from it.
+        nearness_cost, wide_m: of each metre driven along a wall; it falls to 0 at `wide_m` from it.
         margins_m: clearances tried in turn, the widest first.
         save_reversals: where a margin leaves only ways with reversals, try the next ones for fewer.
         greed: factor on what is left to the goal; above 1 the search is faster, and its path up to so much dearer.

@@ -78,7 +78,7 @@ def forward_term(step: RewardInput) -> Array:
 
 
 def obstacle_term(step: RewardInput) -> Array:
-    """O: logarithm of the 13 smallest gaps between outline and obstacles, the smallest weighted most (eq. 5)."""
+    """O: logarithm of the 13 smallest gaps between outline and obstacles, the smallest weighted most (eq. 5, 6)."""
     obs = step.clearance.obs_m
     xp = namespace(obs)
     # Equal gaps are alike, so the order among them does not matter; a stable sort takes seven times as long.
@@ -88,7 +88,7 @@ def obstacle_term(step: RewardInput) -> Array:
 
 
 def middle_term(step: RewardInput) -> Array:
-    """M: minus the difference between the left and right ranges, from abeam backwards (eq. 6).
+    """M: minus the difference between the left and right ranges, from abeam backwards (eq. 7).
 
     It keeps the lidar in the middle: where that is mounted off the centre line, the car drives off the middle as far.
     """
@@ -101,7 +101,7 @@ def middle_term(step: RewardInput) -> Array:
 
 
 def time_term(step: RewardInput) -> Array:
-    """T: minus one for every step (eq. 7)."""
+    """T: minus one for every step (eq. 8)."""
     return namespace(step.speed_mps).ones_like(step.speed_mps) * -1.0
 
 

@@ -85,6 +85,8 @@ class Boxes(_Strict):
 
 
 class _Obstacle(_Strict):
+    """It reaches from `bottom_m` to `height_m` above the floor; one lower than 0.8 m is declared by `low: true`."""
+
     height_m: Metres = 1.0
     bottom_m: NotNegative = 0.0
     low: bool = False
@@ -170,7 +172,10 @@ Obstacle = Annotated[
 
 
 class StartSpec(_Strict):
-    """Where the car begins: `at_m` along the centre line of a `segments` track, or `pose` [x, y, yaw_deg]."""
+    """Where the car begins: `at_m` along the centre line of a `segments` track, or `pose` [x, y, yaw_deg].
+
+    Each episode draws the pose within the `range_...` of it, to either side, x along the heading.
+    """
 
     at_m: NotNegative = 1.5
     pose: tuple[Coordinate, Coordinate, Degrees] | None = None
@@ -184,7 +189,7 @@ class WorldSpec(_Strict):
 
     `family` and `difficulty` say of a generated track how it was drawn; nothing is built from them. `scale`, `offset`,
     `up`, `thickness_m` and `low` say how a mesh is meant, `unknown` what nobody has mapped is. `goal` is the last
-    waypoint, or a line to cross; `waypoints` lead there.
+    waypoint, or a line to cross; `waypoints` lead there. `max_steps` is this world's time-out in control steps.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f]+$")]

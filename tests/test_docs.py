@@ -1,0 +1,174 @@
+"""The README and the pages in docs/ say what is so: links lead somewhere, commands parse, examples run."""
+
+import argparse
+import importlib.util
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from zebrat_bullet.cli.main import main, make_parser
+from zebrat_bullet.task.rewards import TERMS
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+COMMANDS = next(a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
+
+
+def each_page():
+    return pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+def prose(page: Path) -> str:
+    return FENCE.sub("", page.read_text())
+
+
+def anchors(page: Path) -> set[str]:
+    """Return what the headings of a page are called in links, as GitHub and the site do."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Return every `zebrat ...` in the page's shell blocks, as words; variables stand for themselves."""
+    found = []
+    for _, language, text in FENCE.findall(page.read_text()):
+        if language != "sh":
+            continue
+        for line in re.sub(r"\\\n", " ", text).splitlines():
+            for part in re.split(r"\s&(?:\s|$)", line):
+                words = shlex.split(part, comments=True)
+                if words and words[0].rpartition("/")[2] == "zebrat":
+                    found.append(words[1:])
+    return found
+
+
+def named(page: Path) -> list[list[str]]:
+    """Return every `zebrat ...` in the page's text, as words; what is optional is in square brackets there."""
+    spans = re.findall(r"`([^`]+)`", prose(page))
+    texts = [" ".join(span.split()) for span in spans]
+    return [text.split()[1:] for text in texts if text.startswith("zebrat ")]
+
+
+def reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("reference", ROOT / "scripts" / "reference.py")
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@each_page()
+def test_every_link_and_picture_is_there(page: Path) -> None:
+    for link in LINK.findall(prose(page)):
+        if link.startswith("http"):
+            continue
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), f"{page.name} links {link}"
+        assert page.parent == ROOT or target.is_relative_to(DOCS), f"{page.name} links {link}, which the site lacks"
+        assert not anchor or anchor in anchors(target), f"{page.name} links {link}; there are {sorted(anchors(target))}"
+
+
+@each_page()
+def test_every_command_of_a_shell_block_parses(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in commands(page):
+        try:
+            make_parser().parse_args(words)
+        except SystemExit as stopped:
+            assert stopped.code == 0, f"{page.name}: zebrat {' '.join(words)}: {capsys.readouterr().err}"
+
+
+@each_page()
+def test_every_command_and_option_that_the_text_names_is_there(page: Path) -> None:
+    for command, *words in named(page):
+        if command in ("COMMAND", "--help"):
+            continue
+        assert command.strip("[],") in COMMANDS, f"{page.name}: zebrat {command}"
+        options = [word.strip("[],;").partition("=")[0] for word in words if word.strip("[").startswith("--")]
+        if "--ros-args" in options:
+            continue
+        known = COMMANDS[command]._option_string_actions
+        assert not [option for option in options if option not in known], f"{page.name}: zebrat {command} {words}"
+
+
+def test_the_patterns_find_links_and_commands() -> None:
+    """The three tests above look at something."""
+    assert sum(len(LINK.findall(prose(page))) for page in PAGES) > 150
+    assert sum(len(commands(page)) for page in PAGES) > 100
+    assert sum(len(named(page)) for page in PAGES) > 50
+
+
+@pytest.mark.parametrize("name", ["cli.md", "settings.md", "world_files.md"])
+def test_the_reference_pages_are_what_the_program_says(name: str) -> None:
+    assert (DOCS / name).read_text() == reference().pages()[name], "run scripts/docs, and commit what it writes"
+
+
+def test_every_setting_has_a_meaning() -> None:
+    assert not re.findall(r"^\| `.*\|\s*\|$", (DOCS / "settings.md").read_text(), re.MULTILINE)
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    def files(entry: object) -> list[str]:
+        if isinstance(entry, str):
+            return [entry]
+        return [name for each in (entry.values() if isinstance(entry, dict) else entry) for name in files(each)]
+
+    listed = files(tomllib.loads((ROOT / ".zensical.toml").read_text())["project"]["nav"])
+    assert sorted(listed) == sorted(page.name for page in DOCS.glob("*.md"))
+
+
+def test_the_families_of_the_readme_are_those_of_the_results() -> None:
+    table = re.search(r"^\| \| mixed(?:.*\n)+?\n", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert table and table[0] in (DOCS / "results.md").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_five_minute_start_does_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = DOCS / "start.md"
+    done = []
+    for _, language, text in FENCE.findall(page.read_text().split("## What next")[0]):
+        if language == "yaml":
+            Path("my_track.yaml").write_text(text)
+        elif language == "python":
+            exec(text, {})
+        else:
+            for line in text.splitlines():
+                words = [word.replace("max_minutes=1", "max_minutes=0.02") for word in shlex.split(line)[1:]]
+                if not words:
+                    assert line == "scripts/setup" and (ROOT / line).is_file()
+                    continue
+                if words[0] == "video":  # tests/test_video.py films; this drive would take a minute
+                    continue
+                words += ["--workers", "1"] if words[0] == "evaluate" else []
+                assert main([*words, "--quiet"]) == 0, line
+                done.append((words[0], capfd.readouterr().out))
+    assert [name for name, _ in done] == ["evaluate", "replay", "worlds", "evaluate", "train", "evaluate"]
+    assert "| track_2 | 100%" in done[0][1]
+    assert "every pose as recorded" in done[1][1]
+    assert "| shipped | - | 100%" in done[3][1] and "| oracle | goal, map, pose | 100%" in done[3][1]
+    for file in ("my_track.png", "runs/first/best.safetensors"):
+        assert Path(file).stat().st_size > 5000, file
+
+
+@pytest.mark.parametrize("name, said", [("your_own_reward.md", "-0.15"), ("compare.md", "collision")])
+def test_the_examples_of_a_page_run(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = dict(TERMS)
+    blocks = [text for _, language, text in FENCE.findall((DOCS / name).read_text()) if language == "python"]
+    try:
+        for text in blocks:
+            exec(text, {"__name__": "page"})
+    finally:
+        TERMS.clear()
+        TERMS.update(kept)
+    assert blocks and said in capsys.readouterr().out
