@@ -76,6 +76,13 @@ def test_osmesa_and_not_egl_draws_the_frame_in_software():
     assert "libEGL" not in told
 
 
+def test_torch_makes_an_optimizer_after_a_picture():
+    """Triton, a part of torch's CUDA builds, crashed when it was loaded after OSMesa; the CPU builds have none."""
+    optimizer = "import torch; torch.optim.Adam([torch.zeros(1, requires_grad=True)]); print('made')"
+    done = subprocess.run([sys.executable, "-c", DRAW_AND_TELL + optimizer], capture_output=True, text=True)
+    assert done.returncode == 0 and "made" in done.stdout, done.stderr
+
+
 def test_a_missing_osmesa_names_the_package_to_install():
     with pytest.raises(MissingSystemLibraryError, match="apt-get install libosmesa6"):
         require_osmesa(("libNoSuchMesa.so.8",))

@@ -4,7 +4,9 @@ VTK picks its window class when a window is made and prefers EGL where libEGL ex
 and checked. Without libOSMesa VTK warns and then crashes the interpreter, so the library is looked for first.
 """
 
+import contextlib
 import ctypes
+import importlib
 import os
 
 from zebrat_bullet.errors import MissingSystemLibraryError, RenderError
@@ -37,6 +39,16 @@ def require_osmesa(names: tuple[str, ...] = _LIBRARIES) -> None:
     )
 
 
+def load_triton() -> None:
+    """Load Triton, which torch's CUDA builds bring, where it is installed; to be done before VTK loads OSMesa.
+
+    VTK makes the LLVM of OSMesa visible to every library loaded later, and Triton, which holds an LLVM of its own, then
+    crashes the interpreter: a camera image, then an optimizer of torch, would end in a segmentation fault.
+    """
+    with contextlib.suppress(ImportError):
+        importlib.import_module("triton._C.libtriton")
+
+
 def offscreen_window(width: int, height: int) -> vtkRenderWindow:
     """Return an off-screen window of `width` x `height` pixels, one sample each.
 
@@ -45,6 +57,7 @@ def offscreen_window(width: int, height: int) -> vtkRenderWindow:
         RenderError: VTK made a window of another class.
     """
     require_osmesa()
+    load_triton()
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOW_CLASS
     window = vtkRenderWindow()
     if window.GetClassName() != WINDOW_CLASS:
