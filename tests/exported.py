@@ -11,6 +11,7 @@ import numpy as np
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
 from zebrat_bullet.config import LidarConfig, TaskConfig
+from zebrat_bullet.deploy.definition import digest_of
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.types import FlatScan, PointCloud
@@ -59,10 +60,12 @@ def random_policy(head: str, activation: str, folder: Path, **provenance: object
 
 
 def change(path: Path, *keys: str | int, to: object) -> None:
-    """Write another value into a JSON file."""
+    """Write another value into a `policy.json`, as if it had been exported so."""
     data = json.loads(path.read_text())
     at = data
     for key in keys[:-1]:
         at = at[key]
     at[keys[-1]] = to
+    if keys[0] != "sha256":
+        data["sha256"] = digest_of({key: value for key, value in data.items() if key != "sha256"})
     path.write_text(json.dumps(data))

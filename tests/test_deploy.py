@@ -104,6 +104,8 @@ def test_a_lidar_that_the_car_tilts_sees_the_walls_where_they_are(driver):
 
 def test_a_lower_lidar_is_told_by_its_height(driver):
     wall = np.array([[2.0, y, z] for y in np.linspace(-1.0, 1.0, 51) for z in (-0.1, 0.0, 0.2)], np.float32)
+    above = [[2.0 * math.cos(a), 2.0 * math.sin(a), 4.0] for a in np.linspace(0.1, 6.2, 16)]
+    wall = np.concatenate([wall, np.array(above, np.float32)])
     driver.drive_cloud(wall, height_m=0.3)
     assert driver.last_scan.ranges_m[180] == pytest.approx(2.0, abs=1e-3)
     driver.drive_cloud(wall, height_m=1.5)  # now all of it is above the band
@@ -175,6 +177,12 @@ STOPS: dict[str, tuple[Callable[[Driver], Decision], str]] = {
     "all nan": (lambda d: d.drive_cloud(np.full((5760, 3), np.nan, np.float32)), "0 of 5760 points are returns"),
     "all free": (lambda d: d.drive_cloud(np.full((5760, 3), np.inf, np.float32)), "0 of 5760 points are returns"),
     "nothing": (lambda d: d.drive_cloud(np.zeros((0, 3), np.float32)), "0 of 0 points .* at least 100 are needed"),
+    "half a turn": (lambda d: d.drive_cloud(a_cloud()[a_cloud()[:, 0] < 0.0]), "eighth of the turn .* holds 0 returns"),
+    "mirror image": (
+        lambda d: d.drive_cloud(a_cloud(), rotation_level=np.diag([1.0, 1.0, -1.0])),
+        "must be a .3, 3. rotation matrix",
+    ),
+    "age of None": (lambda d: d.drive_cloud(a_cloud(), age_s=None), "the scan is None s old"),
     "few points": (lambda d: d.drive_cloud(np.ones((99, 3), np.float32)), "99 of 99 points"),
     "stale cloud": (lambda d: d.drive_cloud(a_cloud(), age_s=0.31), r"0.310 s old, at most 0.300 s"),
     "stale scan": (lambda d: d.drive_scan(FREE, age_s=0.31), "look whether the lidar is alive"),
@@ -213,7 +221,7 @@ def test_the_documented_refusals_are_those_that_are_given(driver):
     page = (Path(__file__).parent.parent / "docs/deploy.md").read_text()
     said = re.findall(r"^\| .* \| `(.*)` \|$", page.partition("## When it stops")[2].partition("\n\n`Driver")[0], re.M)
     given = [decide(driver).refusal for decide, _ in STOPS.values()]
-    assert len(said) == 8
+    assert len(said) == 9
     for text in said:
         begins = text.removesuffix("...").removesuffix(" ").removesuffix(";")
         assert any(refusal.startswith(begins) for refusal in given), text
@@ -452,3 +460,20 @@ def test_a_definition_is_small(folder, tmp_path):
     assert len(json.dumps(json.loads((folder / "policy.json").read_text()))) < 10_000
     export_policy(str(random_policy("argmax", "relu", tmp_path)), tmp_path / "out")
     assert Driver.load(tmp_path / "out").definition.actions.raw is False
+
+
+@pytest.mark.parametrize(
+    ("was", "now"), [('"control_step_s": 0.2', '"control_step_s": 2.0'), ('"wheelbase_m": 0.56', '"wheelbase_m": 0.06')]
+)
+def test_a_definition_that_was_changed_afterwards_is_refused(copy, was, now):
+    path = copy / "policy.json"
+    assert was in path.read_text()
+    path.write_text(path.read_text().replace(was, now))
+    with pytest.raises(PolicyError, match="was changed since it was written"):
+        Driver.load(copy)
+
+
+def test_a_last_command_that_is_no_number_is_refused_once(driver):
+    driver.last_command = Command(math.nan, 0.0)
+    assert "last_command must be finite" in driver.drive_cloud(a_cloud()).refusal
+    assert not driver.drive_cloud(a_cloud()).refusal

@@ -204,6 +204,38 @@ def test_a_car_within_the_margin_of_a_side_may_drive_along_it_but_not_towards_it
         assert Supervisor(CAR, STEP_S).check(Command(0.6, lock), scan, 0.0, lock).refusal
 
 
+@pytest.mark.parametrize("inside", [(0.2, 0.0), (0.15, 0.1), (0.48, 0.0)])
+def test_a_return_inside_the_outline_is_no_leave_to_drive_into_a_wall(inside: tuple[float, float]) -> None:
+    """The first two are deep inside; the third, 2 cm deep, could be a wall that is touched, but not the one ahead."""
+    supervisor = steady(AHEAD)
+    for gap_m in np.arange(0.6, 0.0, -0.005):
+        points = scan_of(inside)
+        seen = walls(ahead=float(gap_m)).ranges_m
+        seen = np.where(points.ranges_m < 6.0, points.ranges_m, seen)
+        if supervisor.check(AHEAD, FlatScan(seen, 6.0), 0.6, 0.0).refusal:
+            assert gap_m > STOPPING_M - 0.02
+            return
+    raise AssertionError("it drove into the wall")
+
+
+def test_a_return_deep_inside_the_outline_stops_and_is_told() -> None:
+    decision = Supervisor(CAR, STEP_S).check(BACK, scan_of((0.2, 0.0), (3.0, 0.0)), 0.0, 0.0)
+    assert "1 returns stand up to 0.30 m inside the car's outline" in decision.refusal
+    assert decision.command.speed_mps == 0.0
+
+
+@pytest.mark.parametrize(("speed_mps", "steering_rad"), [(1e6, 0.0), (-2.0, 0.0), (0.0, 3.0)])
+def test_a_measurement_that_no_car_has_is_refused_at_once(speed_mps: float, steering_rad: float) -> None:
+    decision = Supervisor(CAR, STEP_S).check(AHEAD, walls(ahead=3.0), speed_mps, steering_rad)
+    assert "measured speed and steering must be within 1.8 m/s and 1.57 rad" in decision.refusal
+
+
+def test_odometry_that_is_stuck_at_0_does_not_let_a_car_into_a_wall() -> None:
+    supervisor = steady(AHEAD)
+    scan = walls(ahead=STOPPING_M + MARGIN_M - 0.01)
+    assert supervisor.check(AHEAD, scan, 0.0, 0.0).refusal
+
+
 def test_a_stop_turns_the_wheels_as_commanded_unless_braking_so_comes_nearer() -> None:
     standing_still = Supervisor(CAR, STEP_S).check(Command(0.6, 0.5), walls(ahead=0.05), 0.0, 0.0)
     assert standing_still.refusal and standing_still.command == Command(0.0, 0.5)

@@ -1,5 +1,7 @@
 """What an exported policy observes and commands, as JSON that any program can read: `policy.json`."""
 
+import hashlib
+import json
 import math
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -86,6 +88,10 @@ class Definition:
 
     def data(self) -> dict[str, Any]:
         """Return what `policy.json` holds; what follows from the rest is written out, for other programs."""
+        data = self._data()
+        return data | {"sha256": digest_of(data)}
+
+    def _data(self) -> dict[str, Any]:
         bearings = beam_bearings(self.n_bearings)[list(self.indices)]
         limit_mps, limit_rad = self.observation.max_speed_mps, self.observation.max_steering_rad
         unit_mps, unit_rad = (1.0, 1.0) if self.actions.raw else (limit_mps, limit_rad)
@@ -163,8 +169,16 @@ def read_definition(folder: Path) -> Definition:
             "observation": {f.name: seen[f.name] for f in fields(ObservationSpec)},
         }
         definition: Definition = _typed(Definition, values, "policy")
-        _same(data, definition.data(), "policy")
+        digest = data.get("sha256")
+        _same(data, definition.data() | {"sha256": digest}, "policy")
+        if digest != digest_of({key: value for key, value in data.items() if key != "sha256"}):
+            raise ValueError("it was changed since it was written: its sha256 is another")
         return definition
+
+
+def digest_of(data: dict[str, Any]) -> str:
+    """Return the SHA-256 of plain data, in hexadecimal digits: against damage, not against who means harm."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def _require(ok: bool, message: str) -> None:

@@ -13,6 +13,7 @@ from zebrat_bullet.deploy.definition import MODEL_FILE, Definition, read_definit
 from zebrat_bullet.deploy.network import Network
 from zebrat_bullet.deploy.senses import ScanReader, cloud_of
 from zebrat_bullet.errors import ConfigError, PolicyError, SensorError
+from zebrat_bullet.files import shown
 from zebrat_bullet.sensing.flatten import flatten_cloud
 from zebrat_bullet.types import Command, FlatScan
 
@@ -29,11 +30,14 @@ class Limits:
         stale_s: a scan that is older is refused; None: one and a half control steps, so that a car whose lidar dies
             is told to stop at the second step after that.
         least_points: returns of a cloud, anywhere within reach (the floor counts).
+        least_sector_points: of these, in each eighth of a turn: a cloud of half a turn says nothing of the other half.
+            0 for a lidar that does not see the floor, so that where the way is free nothing returns.
         least_share: returns of a 2D scan, as a share of its rays.
     """
 
     stale_s: float | None = None
     least_points: int = 100
+    least_sector_points: int = 1
     least_share: float = 0.05
 
     def __post_init__(self) -> None:
@@ -41,6 +45,8 @@ class Limits:
             raise ConfigError(f"stale_s must be above 0 and at most 10, got {self.stale_s}")
         if not 1 <= self.least_points <= 10_000_000:
             raise ConfigError(f"least_points must be 1 to 10,000,000, got {self.least_points}")
+        if not 0 <= self.least_sector_points <= 10_000_000:
+            raise ConfigError(f"least_sector_points must be 0 to 10,000,000, got {self.least_sector_points}")
         if not 0.0 < self.least_share <= 1.0:
             raise ConfigError(f"least_share must be above 0 and at most 1, got {self.least_share}")
 
@@ -87,6 +93,8 @@ class Driver:
         folder = Path(folder)
         definition = read_definition(folder)
         if car is not None:
+            if not isinstance(car, Car):
+                raise PolicyError(f"car must be a zebrat_bullet.deploy.Car, got {shown(repr(car))}")
             _check_car(definition, car)
         return cls(
             definition, Network(folder / MODEL_FILE, definition.observation.size, definition.model_sha256), limits
@@ -129,7 +137,9 @@ class Driver:
         self.last_scan = None
         try:
             self._check_age(age_s)
-            cloud = cloud_of(points_lidar, rotation, height, self.range_max_m, self._limits.least_points)
+            limits = self._limits
+            fewest = limits.least_points, limits.least_sector_points
+            cloud = cloud_of(points_lidar, rotation, height, self.range_max_m, *fewest)
             scan = flatten_cloud(cloud, definition.flatten, definition.n_bearings, self.range_max_m)
             return self._drive(scan)
         except SensorError as error:
@@ -160,6 +170,10 @@ class Driver:
 
     def _drive(self, scan: FlatScan) -> Decision:
         self.last_scan = scan
+        last = self.last_command
+        if not (math.isfinite(last.speed_mps) and math.isfinite(last.steering_rad)):
+            self.last_command = Command(0.0, 0.0)
+            raise SensorError(f"last_command must be finite, got {last}; set it to what was really sent")
         command = np.array([[self.last_command.speed_mps, self.last_command.steering_rad]], np.float32)
         action = self._network(self.definition.observation.encode_cars(scan.ranges_m[self._indices][None], command))[0]
         if not np.isfinite(action).all():
@@ -175,9 +189,10 @@ class Driver:
 
     def _check_age(self, age_s: float) -> None:
         """Refuse a scan that is old, and one from the future, where the clocks of sensor and driver disagree."""
-        if not abs(age_s) <= self._stale_s:
+        if not (isinstance(age_s, int | float) and abs(age_s) <= self._stale_s):
+            shown_s = f"{age_s:.3f}" if isinstance(age_s, int | float) else shown(age_s)
             raise SensorError(
-                f"the scan is {age_s:.3f} s old, at most {self._stale_s:.3f} s are allowed; look whether the lidar is "
+                f"the scan is {shown_s} s old, at most {self._stale_s:.3f} s are allowed; look whether the lidar is "
                 "alive and its clock is right"
             )
 

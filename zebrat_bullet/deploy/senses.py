@@ -13,12 +13,18 @@ _ORIGIN_M = 0.01
 """Nearer than this a point is none: many lidars report a lost ray as the origin."""
 _REACH = 1.0 - 1e-6
 """A point at the reach itself may stand a rounding error before it."""
+_SECTORS = 8
 _MOST_POINTS = 10_000_000
 _MOST_RAYS = 100_000
 
 
 def cloud_of(
-    points_lidar: object, rotation_level: object, height_m: float, range_max_m: float, least_points: int
+    points_lidar: object,
+    rotation_level: object,
+    height_m: float,
+    range_max_m: float,
+    least_points: int,
+    least_sector_points: int = 0,
 ) -> PointCloud:
     """Return a cloud as the lidar of the training would report it, what it could not see marked as no return.
 
@@ -28,9 +34,10 @@ def cloud_of(
         height_m: of the lidar above the floor.
         range_max_m: reach of the training's lidar.
         least_points: returns within it.
+        least_sector_points: of these, in each eighth of a turn about the lidar.
 
     Raises:
-        SensorError: an array is of another shape or kind, or there are too few returns.
+        SensorError: an array is of another shape or kind, or there are too few returns, all around or on one side.
     """
     points = _floats(points_lidar, "a cloud", "(N, 3)", 2, _MOST_POINTS)
     if points.shape[1] != 3:
@@ -45,6 +52,15 @@ def cloud_of(
         raise SensorError(
             f"{n} of {len(points)} points are returns within {range_max_m:g} m, at least {least_points} are needed; "
             "look whether the lidar is covered or its driver leaves points out"
+        )
+    x, y = points[valid, 0], points[valid, 1]
+    # Without an arctangent: the signs name the quarter, the greater coordinate its half.
+    sectors = np.bincount((x > 0.0) * 4 + (y > 0.0) * 2 + (abs(x) > abs(y)), minlength=_SECTORS)
+    if (fewest := int(sectors.min())) < least_sector_points:
+        raise SensorError(
+            f"an eighth of the turn about the lidar holds {fewest} returns, at least {least_sector_points} are needed, "
+            "of walls or floor; look whether the lidar is covered on a side or its driver sends parts of a turn; where "
+            "it cannot see the floor, allow it (Limits.least_sector_points)"
         )
     return PointCloud(points, valid, rotation, float(height_m))
 
@@ -150,6 +166,7 @@ def _rotation(matrix: object) -> NDArray[np.float64]:
         rotation = np.asarray(matrix, dtype=np.float64)
     except (TypeError, ValueError):
         rotation = np.zeros(0)
-    if rotation.shape != (3, 3) or not abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3:
+    turned = rotation.shape == (3, 3) and abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3
+    if not turned or np.linalg.det(rotation) < 0.0:  # a mirror image is none
         raise SensorError(f"rotation_level must be a (3, 3) rotation matrix, got {shown(matrix)}")
     return rotation

@@ -15,7 +15,14 @@ from zebrat_bullet.types import Command, FlatScan
 MARGIN_M = 0.01
 STEERING_LAG_S = 0.08
 """Time constant of PyBullet's steering: each physics step of 1/120 s closes a tenth of its error."""
+INSIDE_M = 0.05
+"""A return so far inside the outline is no wall that is touched: the lidar sees the car, or something lies on it."""
+SAME_WALL_M = 0.3
+"""Returns so near to one that is touched are of the same wall: a car that leaves it swings its corner along it."""
 _SAME_M = 1e-4
+_FASTEST = 3.0
+"""A measured speed of more than so many times the car's greatest is none."""
+_LONGEST_BRAKING_S = 10.0
 _LEAST_BEARINGS = 8
 _COARSE = 6
 _HERE = np.zeros((1, 3))
@@ -34,14 +41,17 @@ class Supervisor:
     least gap between the outline and all returns of the scan, at poses 1 cm apart, is the clearance of the path.
 
     **What is refused.** A command with a path whose clearance is less than the margin, and less than that of stopping
-    at once. So a car within the margin, or in contact, may do all that brings it no nearer: back away, drive off, or on
-    along a wall.
+    at once. So a car within the margin may do all that brings it no nearer: back away, drive off, or on along a wall.
+    And a command that brings inside the outline what is outside, would stay there if the car stopped, and is no part of
+    a wall that is touched already (`SAME_WALL_M`): contact with one is no leave to drive into another.
 
     **What a stop is.** Speed 0, and the wheels turn to the command's steering where braking with them so comes no
     nearer than with the steering of the last command, along which there was room to brake when it was let through;
     else these. Where the scan cannot be used it is the last command's steering.
 
-    The lidar must not see the car itself: its returns would be contacts.
+    The lidar must not see the car itself: a return more than `INSIDE_M` inside the outline stops it until that is
+    removed. A measured speed that is far from what the commands should have brought about is not relied on alone: both
+    are followed, for odometry may be stuck.
 
     Args:
         car: the car; its deceleration must be one that it can do at every steering.
@@ -53,7 +63,7 @@ class Supervisor:
         least_returns: fewest bearings with a return; a lidar that sees nothing cannot be told from a blind one.
 
     Raises:
-        ConfigError: a number is not finite, below 0, or no control step.
+        ConfigError: a number is not finite, below 0, or no control step; or the car takes too long to brake.
     """
 
     def __init__(
@@ -81,13 +91,18 @@ class Supervisor:
                 raise ConfigError(f"{name} must be a finite number of at least 0, got {value}")
         if not 0.0 < control_step_s < math.inf:
             raise ConfigError(f"control_step_s must be a finite number above 0, got {control_step_s}")
+        if car.max_speed_mps > _LONGEST_BRAKING_S * car.deceleration_mps2:
+            raise ConfigError(
+                f"a car brakes to rest in {_LONGEST_BRAKING_S:g} s at most, got {car.max_speed_mps} m/s and "
+                f"{car.deceleration_mps2} m/s2"
+            )
         self._outline = Outline(car.outline_base)
         self.reset()
 
     def reset(self) -> None:
         """Begin anew with a car at rest whose wheels are straight."""
         self._last = Command(0.0, 0.0)
-        self._speed_mps = 0.0
+        self._speeds_mps = [0.0]
         self._steerings_rad = (0.0,) * len(self._lags_s)
 
     def check(
@@ -107,12 +122,13 @@ class Supervisor:
             steering_rad: measured angle of the virtual centre wheel; None: likewise.
             age_s: how old the scan is.
         """
-        measured = [value for value in (speed_mps, steering_rad) if value is not None]
-        if speed_mps is not None and math.isfinite(speed_mps):
-            self._speed_mps = speed_mps
-        if steering_rad is not None and math.isfinite(steering_rad):
+        wrong = self._wrong(command, scan, age_s, speed_mps, steering_rad)
+        if speed_mps is not None and abs(speed_mps) <= _FASTEST * self.car.max_speed_mps:
+            reckoned = self._speeds_mps[0]
+            far_off = abs(speed_mps - reckoned) > 0.5 * self.car.max_speed_mps
+            self._speeds_mps = [speed_mps, reckoned] if far_off else [speed_mps]
+        if steering_rad is not None and abs(steering_rad) < math.pi / 2.0:
             self._steerings_rad = (steering_rad,) * len(self._lags_s)
-        wrong = self._wrong(command, scan, age_s, measured)
         decision = Decision(Command(0.0, self._last.steering_rad), wrong) if wrong else None
         if decision is None:
             assert scan is not None
@@ -120,14 +136,25 @@ class Supervisor:
         self._advance(decision.command)
         return decision
 
-    def _wrong(self, command: Command, scan: FlatScan | None, age_s: float, measured: list[float]) -> str:
+    def _wrong(
+        self,
+        command: Command,
+        scan: FlatScan | None,
+        age_s: float,
+        speed_mps: float | None,
+        steering_rad: float | None,
+    ) -> str:
         """Return why nothing can be said of the command; empty if nothing is wrong."""
         if not (math.isfinite(command.speed_mps) and math.isfinite(command.steering_rad)):
             return (
                 f"the command must be finite, got {command.speed_mps} m/s and {command.steering_rad} rad; give another"
             )
-        if not all(map(math.isfinite, measured)):
-            return f"measured speed and steering must be finite, got {measured}; mend the odometry, or give None"
+        fastest, lock = _FASTEST * self.car.max_speed_mps, math.pi / 2.0
+        if not (abs(speed_mps or 0.0) <= fastest and abs(steering_rad or 0.0) < lock):  # what is no number fails, too
+            return (
+                f"measured speed and steering must be within {fastest:g} m/s and {lock:.2f} rad, got {speed_mps} and "
+                f"{steering_rad}; mend the odometry, or give None"
+            )
         if scan is None:
             return "there is no scan; look whether the lidar runs, the car drives on with the next one"
         if not 0.0 <= age_s <= self.late_s:  # a number that is none fails both
@@ -136,6 +163,8 @@ class Supervisor:
                 "and the clocks, the car drives on with the next scan in time"
             )
         ranges = scan.ranges_m
+        if not isinstance(ranges, np.ndarray) or ranges.dtype.kind != "f":
+            return f"the scan's ranges are a NumPy array of floats, got {type(ranges).__name__}; convert them"
         if ranges.ndim != 1 or len(ranges) < _LEAST_BEARINGS:
             return f"the scan has the shape {ranges.shape}, needed is (n,) of {_LEAST_BEARINGS} bearings or more"
         bad = int((~(np.isfinite(ranges) & (ranges >= 0.0))).sum())
@@ -154,20 +183,40 @@ class Supervisor:
 
     def _judge(self, command: Command, scan: FlatScan, age_s: float) -> Decision:
         points = scan_points(scan, self.car)
+        now = self._outline.gaps(points, _HERE)[0]
+        if (deepest := now.min(initial=math.inf)) < -INSIDE_M:
+            return Decision(
+                Command(0.0, self._last.steering_rad),
+                f"{int((now < -INSIDE_M).sum())} returns stand up to {-deepest:.2f} m inside the car's outline, as if "
+                "the lidar saw the car itself, or something on it; take it away, or filter these returns out",
+            )
         path = self._paths(command, age_s)
         gaps, near = self._gaps(points, np.concatenate(path))
-        least = np.array([part.min(initial=math.inf) for part in np.split(gaps, [len(path[0])])])
+        ends = np.cumsum([len(part) for part in path])[:-1]
+        least = np.array([part.min(initial=math.inf) for part in np.split(gaps, ends)])
         if least.min() >= self.margin_m:
             return Decision(command)
         stops = [Command(0.0, steering) for steering in (command.steering_rad, self._last.steering_rad)]
         rooms = np.minimum(self._rooms(points, stops, age_s), self.margin_m)
         best = 0 if rooms[0].min() >= rooms[1].min() - _SAME_M else 1
-        if (least >= rooms[best] - _SAME_M).all():
+        nearer = (least < rooms[best] - _SAME_M).any()
+        if not nearer and not self._touches_more(_apart(points, now), path, self._paths(stops[best], age_s)):
             return Decision(command)
         nearest = near[gaps.min(axis=0).argmin()]
         first = int((gaps < self.margin_m).any(axis=1).argmax())
         reason = self._reason(np.concatenate(path)[first, 3], float(least.min()), nearest)
         return Decision(stops[best], reason + self._advice(points, age_s))
+
+    def _touches_more(
+        self, points: NDArray[np.float64], path: list[NDArray[np.float64]], stop: list[NDArray[np.float64]]
+    ) -> bool:
+        """Return whether a path brings points into the outline, or deeper into it, that stopping does not."""
+        for driven, braked in zip(path, stop, strict=True):
+            gap = self._outline.gaps(points, driven).min(axis=0)
+            touched = gap < 0.0
+            if (gap[touched] < self._outline.gaps(points[touched], braked).min(axis=0) - _SAME_M).any():
+                return True
+        return False
 
     def _paths(self, command: Command, age_s: float) -> list[NDArray[np.float64]]:
         """Return the (T, 4) poses of a command and of braking after it, for each way in which the steering may turn."""
@@ -176,7 +225,8 @@ class Supervisor:
         if command.speed_mps == 0.0:
             del phases[1]
         return [
-            motion(self.car, self._speed_mps, steering, phases, lag)[0]
+            motion(self.car, speed, steering, phases, lag)[0]
+            for speed in self._speeds_mps
             for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
         ]
 
@@ -191,14 +241,14 @@ class Supervisor:
     def _rooms(
         self, points: NDArray[np.float64], commands: Sequence[Command], age_s: float, every: int = 1
     ) -> NDArray[np.float64]:
-        """Return (C, 2) the clearance of both paths of each command, exact where it is less than the margin.
+        """Return (C, P) the clearance of the paths of each command, exact where it is less than the margin.
 
         Of each path one pose in `every` is looked at.
         """
         paths = [path[::-every] for command in commands for path in self._paths(command, age_s)]
         least = self._gaps(points, np.concatenate(paths))[0].min(axis=1, initial=math.inf)
         begin = np.cumsum([0, *map(len, paths[:-1])])
-        return np.minimum.reduceat(least, begin).reshape(-1, 2)
+        return np.minimum.reduceat(least, begin).reshape(len(commands), -1)
 
     def _reason(self, time_s: float, least_m: float, point: NDArray[np.float64]) -> str:
         """Return where and when a command comes too near."""
@@ -230,9 +280,16 @@ class Supervisor:
         late = min(self.delay_s, self.control_step_s)
         phases = [(late, self._last), (self.control_step_s - late, command)]
         ends = [
-            motion(self.car, self._speed_mps, steering, phases, lag)
+            motion(self.car, self._speeds_mps[0], steering, phases, lag)
             for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
         ]
         self._steerings_rad = tuple(end[2] for end in ends)
-        self._speed_mps = ends[0][1]
+        self._speeds_mps = [ends[0][1]]
         self._last = command
+
+
+def _apart(points: NDArray[np.float64], gaps_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return those of (N, 2) points that are outside, of a wall of which no point is inside."""
+    inside, outside = points[gaps_m < 0.0], points[gaps_m >= 0.0]
+    near = np.hypot(*(outside[:, None] - inside).transpose(2, 0, 1)) <= SAME_WALL_M
+    return outside[~near.any(axis=1)]
