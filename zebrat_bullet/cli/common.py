@@ -159,7 +159,7 @@ def sim_option() -> argparse.ArgumentParser:
         "--sim",
         choices=("planar", *ENGINES),
         help="what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo. `evaluate`: "
-        "planar cars drive --set and --generated alone; in --worlds the default is PyBullet",
+        "planar cars drive only --set and --generated, PyBullet is the default in --worlds",
     )
     return made
 
