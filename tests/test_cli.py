@@ -133,6 +133,63 @@ def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("number", ["-1", "1.5", "9" * 19, "two"])
+@pytest.mark.parametrize(
+    "command", [["ros", "sim", "--episode"], ["record", "--episode"], ["video", "--episode"], ["sets", "--seed"]]
+)
+def test_the_number_of_an_episode_is_a_whole_number_from_0_up(command, number, capfd):
+    with pytest.raises(SystemExit) as ended:
+        main([*command, number])
+    assert ended.value.code == 2
+    said = capfd.readouterr().err.splitlines()[-1]
+    assert f"argument {command[-1]}: takes a whole number from 0 up, of at most 18 digits, got '{number}'" in said
+
+
+@pytest.mark.parametrize("where", [["--worlds", "real_1"], []])
+def test_planar_cars_asked_for_where_they_do_not_drive_are_refused(where, capfd, tmp_path):
+    assert main(["evaluate", "--agent", "shipped", "--sim", "planar", *where, "--out", str(tmp_path)]) == 2
+    said = capfd.readouterr().err.splitlines()
+    assert len(said) == 1 and "planar cars drive --set NAME or --generated N, not --worlds" in said[0]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["evaluate", "--agent", "shipped", "--worlds", "real_1"],
+        ["evaluate", "--agent", "shipped", "random", "--worlds", "real_1"],
+        ["evaluate", "--agent", "shipped", "--generated", "1"],
+        ["evaluate", "--agent", "shipped", "--set", "niches", "--tracks", "1"],
+        ["video", "--world", "real_1"],
+        ["width", "--agent", "shipped"],
+        ["robustness", "--agent", "shipped", "--axes", "mass=1.3", "--worlds", "real_1", "--episodes", "1"],
+    ],
+)
+@pytest.mark.parametrize(
+    ("engine", "caster", "said"),
+    [
+        ("bullet", "mujoco", "--caster mujoco casts its rays in MuJoCo, but PyBullet drives; give --caster bullet or "),
+        ("mujoco", "bullet", "--caster bullet casts its rays in PyBullet, but MuJoCo drives; give --caster mujoco or "),
+    ],
+)
+def test_the_caster_of_another_engine_is_refused_at_once(command, engine, caster, said, capfd, tmp_path):
+    pytest.importorskip("mujoco")
+    assert main([*command, "--sim", engine, "--caster", caster, "--out", str(tmp_path / "out")]) == 2
+    told = capfd.readouterr().err.splitlines()
+    assert len(told) == 1 and f"{said}embree, or --sim {caster}" in told[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_caster_that_settings_fit_the_engine_to_is_taken(tmp_path, capfd):
+    pytest.importorskip("mujoco")
+    settings = ["task.physics.engine=mujoco", "task.episode.max_steps=2"]
+    common = ["evaluate", "--agent", "shipped", "--worlds", "real_1", "--episodes", "1", "--workers", "1"]
+    assert main([*common, "--caster", "mujoco", "--set", *settings, "--out", str(tmp_path), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["real_1"]["engine"] == "mujoco"
+    assert main([*common, "--caster", "bullet", "--set", *settings, "--out", str(tmp_path)]) == 2
+    assert "--caster bullet casts its rays in PyBullet, but MuJoCo drives" in capfd.readouterr().err
+
+
 def test_what_slips_through_is_one_line_that_calls_it_our_bug_and_debug_shows_where(monkeypatch, capsys):
     def fail(*arguments):
         raise RuntimeError("odd\nthing")

@@ -303,6 +303,8 @@ def test_a_supervised_drive_tells_why_it_was_stopped(tmp_path):
         (["some.npz", "--world", "track_2"], "says itself who drove where"),
         (["--set", "lidar.range_max_m=4"], "--set takes settings as task.KEY=VALUE"),
         (["--agent", "nobody"], "no agent 'nobody'"),
+        (["drive.mcap"], "drive.mcap is a recording already; a record is an .npz that `zebrat evaluate` wrote"),
+        (["drive.MCAP", "--world", "real_1"], "is a recording already"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused(arguments, said, capfd, tmp_path, monkeypatch):

@@ -242,6 +242,9 @@ def test_a_folder_from_before_a_setting_came_is_gone_on_with(tmp_path: Path) -> 
         (["--set", "task.disturbance.mass=[2,1]"], r"disturbance.mass must be \[least, greatest\]"),
         (["--pose-sigma-m", "-1"], "disturbance.pose_sigma_m must be within 0 to 100, got -1.0"),
         (["--episodes", "0"], "at least 1"),
+        (["--axes", "friction=1"], "nothing is disturbed: friction is nominal at 1; .*, as in --axes friction="),
+        (["--axes", "friction=1", "latency=0"], "friction is nominal at 1, latency is nominal at 0"),
+        (["--everything", "0"], "everything is nominal at 0; .*, as in --everything 0.1"),
     ],
 )
 def test_a_users_mistake_is_told_in_one_line(
@@ -250,6 +253,22 @@ def test_a_users_mistake_is_told_in_one_line(
     assert main(["robustness", "--agent", "shipped", "--out", str(tmp_path / "out"), "--quiet", *options]) == 2
     told = [line for line in capfd.readouterr().err.splitlines() if line.startswith("zebrat")]
     assert len(told) == 1 and re.search(said, told[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--agent", "nobody"], "no agent 'nobody'"),
+        (["--agent", "shipped", "--worlds", "nowhere"], "nowhere"),
+    ],
+)
+def test_an_unknown_agent_or_world_is_all_that_is_told(
+    options: list[str], said: str, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(["robustness", *options, "--axes", "mass=1.3", "--episodes", "1", "--out", str(tmp_path / "out")]) == 2
+    told = capfd.readouterr().err
+    assert said in told and told.startswith("zebrat robustness: ")  # and no progress bar before
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_command_writes_table_figure_and_rows(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -21,11 +21,17 @@ from zebrat_bullet.config import (
 )
 from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.files import shown
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+_DIGITS = 18
+"""Of a whole number; more would not fit into the 64 bits that a record has for it."""
+
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
+
+_ENGINE_NAMES = {"bullet": "PyBullet", "mujoco": "MuJoCo"}
 
 Result = tuple[Mapping[str, object], str]
 """What a command returns: its results for --json, and a text for people."""
@@ -58,6 +64,19 @@ class AddCommand(Protocol):
 
     def __call__(self, run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
         """Return it, with the options of its parents."""
+
+
+def whole_number(text: str) -> int:
+    """Return what an option says that takes a whole number from 0 up: a seed, the number of an episode, a count.
+
+    Raises:
+        ArgumentTypeError: it says something else.
+    """
+    if not (text.isascii() and text.isdecimal()) or len(text) > _DIGITS:
+        raise argparse.ArgumentTypeError(
+            f"takes a whole number from 0 up, of at most {_DIGITS} digits, got {shown(text)!r}"
+        )
+    return int(text)
 
 
 def robot_options() -> argparse.ArgumentParser:
@@ -139,9 +158,8 @@ def sim_option() -> argparse.ArgumentParser:
     made.add_argument(
         "--sim",
         choices=("planar", *ENGINES),
-        default="planar",
         help="what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo. `evaluate`: "
-        "planar goes with --set and --generated, and means PyBullet in --worlds",
+        "planar cars drive only --set and --generated, PyBullet is the default in --worlds",
     )
     return made
 
@@ -231,6 +249,37 @@ def task_of(arguments: argparse.Namespace) -> TaskConfig:
     """Return the task that the options describe.
 
     Raises:
+        ConfigError: its engine is not installed, or --caster casts in the other.
+    """
+    task = engine_task_of(arguments)
+    require_own_caster(arguments, task)
+    return task
+
+
+def require_own_caster(arguments: argparse.Namespace, task: TaskConfig) -> None:
+    """Refuse a ray caster that casts in another engine than the one that drives; planar cars cast with neither.
+
+    Args:
+        arguments: the options.
+        task: what they describe, with all that --set says.
+
+    Raises:
+        ConfigError: it does.
+    """
+    sim, caster, engine = getattr(arguments, "sim", None), task.lidar.caster, task.physics.engine
+    if sim == "planar" or caster not in ENGINES or caster == engine:
+        return
+    instead = f"--caster {engine} or embree" + (f", or --sim {caster}" if sim else "")
+    raise ConfigError(
+        f"--caster {caster} casts its rays in {_ENGINE_NAMES[caster]}, but {_ENGINE_NAMES[engine]} drives; "
+        f"give {instead}"
+    )
+
+
+def engine_task_of(arguments: argparse.Namespace) -> TaskConfig:
+    """Return the task that the options describe, upon which more is put: `require_own_caster` is asked then.
+
+    Raises:
         ConfigError: its engine is not installed.
     """
     from zebrat_bullet.sim.engine import require_engine
@@ -251,14 +300,19 @@ def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
     """Return the task that the options describe, with car, senses and limits as an agent was trained with.
 
     What --robot and --set say goes before; where the agent's own differ from the default is noted.
+
+    Raises:
+        ConfigError: its engine is not installed, or --caster casts in the other.
     """
     from zebrat_bullet.config_text import with_overrides
     from zebrat_bullet.evaluation.own_task import as_trained
 
-    task, differing = as_trained(task_of(arguments), agent, own_robot=arguments.robot is None)
+    task, differing = as_trained(engine_task_of(arguments), agent, own_robot=arguments.robot is None)
     if differing:
         note(arguments, f"{agent} is judged under the task that it was trained on: {', '.join(differing)}")
-    return with_overrides(task, [text.removeprefix("task.") for text in arguments.set_task])
+    task = with_overrides(task, [text.removeprefix("task.") for text in arguments.set_task])
+    require_own_caster(arguments, task)
+    return task
 
 
 def of_engine(arguments: argparse.Namespace) -> str:

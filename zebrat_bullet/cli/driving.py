@@ -23,6 +23,7 @@ from zebrat_bullet.cli.common import (
     sim_option,
     supervised_option,
     task_options,
+    whole_number,
     workers_option,
 )
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
@@ -44,6 +45,13 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         raise ConfigError("--generated and --set both say what to drive; give one")
     if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
         raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
+    planar_drives = bool(arguments.generated or arguments.set)
+    if arguments.sim == "planar" and not planar_drives:
+        raise ConfigError(
+            "--sim planar: planar cars drive --set NAME or --generated N, not --worlds; give one of these, or --sim "
+            "bullet or mujoco"
+        )
+    arguments.sim = arguments.sim or ("planar" if planar_drives else "bullet")
     if arguments.generated:
         return evaluate_generated(arguments)
     if arguments.set:
@@ -194,7 +202,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(
         "--generated",
-        type=int,
+        type=whole_number,
         default=0,
         metavar="N",
         help="instead: N generated tracks that are never trained on, --episodes in each, in --sim",
@@ -209,9 +217,9 @@ def add(command: AddCommand) -> None:
         "task, e.g. task.lidar.range_max_m=4, instead of the one the agent was trained with",
     )
     made.set_defaults(robot=None)  # then that of the agent
-    made.add_argument("--tracks", type=int, help="only so many of --set, drawn from --seed (default: all)")
+    made.add_argument("--tracks", type=whole_number, help="only so many of --set, drawn from --seed (default: all)")
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
-    made.add_argument("--episodes", type=int, default=10, help="in each world (default 10)")
+    made.add_argument("--episodes", type=whole_number, default=10, help="in each world (default 10)")
 
     made = command(replay)
     made.set_defaults(robot=None)
@@ -229,4 +237,4 @@ def add(command: AddCommand) -> None:
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
     made.set_defaults(robot=None)
     made.add_argument("--world", default="big_track")
-    made.add_argument("--episode", type=int, default=0, help="which episode of the seed")
+    made.add_argument("--episode", type=whole_number, default=0, help="which episode of the seed")

@@ -29,11 +29,9 @@ from zebrat_bullet.cli import (
     width,
     worlds,
 )
-from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options
+from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options, whole_number
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
-
-_SEED_DIGITS = 18
 
 _python_format = warnings.formatwarning
 
@@ -99,18 +97,10 @@ def _format_warning(message: Warning | str, category: type[Warning], *where: Any
     return _python_format(message, category, *where, **more)
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal() or len(text) > _SEED_DIGITS:
-        raise argparse.ArgumentTypeError(
-            f"a seed is a whole number from 0 up, of at most {_SEED_DIGITS} digits, got {shown(text)!r}"
-        )
-    return int(text)
-
-
 def _common_options() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(add_help=False)
     made.add_argument("--json", action="store_true", help="print one JSON object as the last line")
-    made.add_argument("--seed", type=_seed, default=0, help="seed of everything random (default 0)")
+    made.add_argument("--seed", type=whole_number, default=0, help="seed of everything random (default 0)")
     made.add_argument("--out", type=Path, help="file or folder to write")
     made.add_argument("--debug", action="store_true", help="a traceback where the program itself fails")
     made.add_argument("--quiet", action="store_true", help="no progress")

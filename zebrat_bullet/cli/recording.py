@@ -18,9 +18,11 @@ from zebrat_bullet.cli.common import (
     reward_options,
     supervised_option,
     task_options,
+    whole_number,
 )
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import shown
 
 if TYPE_CHECKING:
     from zebrat_bullet.recording.episode import WatchedEpisode
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from zebrat_bullet.robot import RobotModel
     from zebrat_bullet.world import World
 
+_RECORDINGS = (".mcap", ".db3", ".bag")
 _PACKAGES = ("mcap", "mcap_ros2", "rosbags", "lz4", "zstandard")
 
 
@@ -41,6 +44,11 @@ def record(arguments: argparse.Namespace) -> Result:
         raise ConfigError(f"--set takes settings as task.KEY=VALUE, got {', '.join(arguments.set[:3])}")
     if arguments.out:
         check_mcap(arguments.out)
+    if arguments.record and arguments.record.suffix.lower() in _RECORDINGS:
+        raise ConfigError(
+            f"{shown(arguments.record)} is a recording already; a record is an .npz that `zebrat evaluate` wrote "
+            "(--bag of `zebrat replay` reads recordings)"
+        )
     driven = (arguments.agent, arguments.world, arguments.episode)
     if arguments.record and driven != (None, None, None):
         raise ConfigError(f"{arguments.record} says itself who drove where; leave out --agent, --world and --episode")
@@ -224,4 +232,4 @@ def add(command: AddCommand) -> None:
     made.add_argument("--agent", help="who drives (default shipped)")
     made.add_argument("--set", nargs="+", action="extend", default=[], metavar="task.KEY=VALUE", help="as for evaluate")
     made.add_argument("--world", help="where (default big_track)")
-    made.add_argument("--episode", type=int, help="which episode of the seed (default 0)")
+    made.add_argument("--episode", type=whole_number, help="which episode of the seed (default 0)")

@@ -3,6 +3,8 @@
 import argparse
 import json
 import math
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +13,14 @@ from zebrat_bullet.cli.common import (
     Result,
     agents_option,
     engine_option,
+    engine_task_of,
     of_engine,
     progress_bar,
+    require_own_caster,
     reward_options,
     supervised_option,
-    task_of,
     task_options,
+    whole_number,
     workers_option,
 )
 from zebrat_bullet.errors import ConfigError
@@ -41,7 +45,8 @@ def robustness(arguments: argparse.Namespace) -> Result:
         if together
         else parse_axes(_axes(arguments))
     )
-    task = task_of(arguments)
+    _require_disturbed(axes)
+    task = engine_task_of(arguments)
     error = {"pose_sigma_m": arguments.pose_sigma_m, "pose_sigma_rad": math.radians(arguments.pose_sigma_deg)}
     study = RobustnessStudy(
         agents=tuple(arguments.agent),
@@ -56,11 +61,18 @@ def robustness(arguments: argparse.Namespace) -> Result:
     )
     name = "robustness-everything" if together else "robustness"
     out = arguments.out or Path("results") / f"{name}{of_engine(arguments)}"
-    with progress_bar(arguments) as bar:
-        shown = bar.add_task("driving", total=None)
-        rows = run_study(
-            study, out, lambda doing, done, total: bar.update(shown, description=doing, completed=done, total=total)
-        )
+    for agent in study.agents:
+        require_own_caster(arguments, study.own_task(agent))
+    bar = progress_bar(arguments)
+    with ExitStack() as driving:
+
+        def on_row(doing: str, done: int, total: int) -> None:
+            if not bar.tasks:  # not before: what is refused is refused without a bar
+                driving.enter_context(bar)
+                bar.add_task(doing)
+            bar.update(bar.task_ids[0], description=doing, completed=done, total=total)
+
+        rows = run_study(study, out, on_row)
     summary = summarise(rows)
     table = everything_table(summary) if together else robustness_table(summary)
     draw_robustness(summary, out / "robustness.png")
@@ -73,6 +85,19 @@ def _axes(arguments: argparse.Namespace) -> tuple[str, ...]:
     from zebrat_bullet.evaluation.axes import AXIS_NAMES
 
     return tuple(AXIS_NAMES if arguments.axes is None else arguments.axes)
+
+
+def _require_disturbed(axes: Mapping[str, tuple[float, ...]]) -> None:
+    """Refuse levels at none of which anything is disturbed: there would be nothing to draw."""
+    from zebrat_bullet.evaluation.axes import is_everything, levels_of, nominal_of
+
+    if axes and all(level == nominal_of(axis) for axis, levels in axes.items() for level in levels):
+        axis = next(iter(axes))
+        option = "--everything " if is_everything(axis) else f"--axes {axis}="
+        raise ConfigError(
+            f"nothing is disturbed: {', '.join(f'{axis} is nominal at {nominal_of(axis):g}' for axis in axes)}; "
+            f"give another level too, as in {option}{levels_of(axis)[0]:g}"
+        )
 
 
 def _settings(arguments: argparse.Namespace) -> list[str]:
@@ -104,7 +129,7 @@ def add(command: AddCommand) -> None:
     )
     made.add_argument("--but", nargs="+", default=[], metavar="AXIS", help="leave these out of --everything")
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help=f"(default: {' '.join(_GRID)})")
-    made.add_argument("--episodes", type=int, help="in each world at each level (default 10)")
+    made.add_argument("--episodes", type=whole_number, help="in each world at each level (default 10)")
     made.add_argument(
         "--pose-sigma-m", type=float, default=0.05, help="drifting error of the pose that planners get (default 0.05 m)"
     )

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from zebrat_bullet.cli.common import AddCommand, Result
+from zebrat_bullet.cli.common import AddCommand, Result, whole_number
 from zebrat_bullet.config import TaskConfig
 
 LOCKSTEP_S = 5.0
@@ -71,7 +71,7 @@ def add(command: AddCommand) -> None:
     drive.add_argument("--policy", default="", help="folder of zebrat export, or a shipped policy")
     sim = made.add_argument_group("sim")
     sim.add_argument("--world", default="track_2", help="world to drive in (default track_2)")
-    sim.add_argument("--episode", type=int, default=0, help="number of the episode, of --seed (default 0)")
+    sim.add_argument("--episode", type=whole_number, default=0, help="number of the episode, of --seed (default 0)")
     sim.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
     sim.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
     sim.add_argument("--rate", type=float, default=1.0, help="simulated seconds in a second (default 1: real time)")

@@ -62,6 +62,7 @@ def add(command: AddCommand) -> None:
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
         *(sim_option(), workers_option()),
     )
+    made.set_defaults(sim="planar")
     made.add_argument("--shapes", nargs="+", default=["straight", "45", "90", "180"], help="(default: all)")
     made.add_argument("--least-m", type=float, default=0.8, help="narrowest passage (default 0.8)")
     made.add_argument("--most-m", type=float, default=1.6, help="widest passage (default 1.6)")

@@ -63,6 +63,11 @@ class RobustnessStudy:
             raise ConfigError("name at least 1 agent, 1 axis, 1 world and 1 episode")
         within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), supervised_m=(0.0, 100.0))
 
+    def own_task(self, agent: str) -> TaskConfig:
+        """Return the undisturbed task of an agent."""
+        task = as_trained(self.task, agent, own_robot=False)[0]
+        return with_overrides(task, self.settings)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RobustnessRow:
@@ -110,7 +115,7 @@ def run_study(
         ConfigError: the folder's rows were driven under another task or seed.
         ZebratError: an agent or a world cannot be loaded, or a world not be won by an agent; nothing was driven then.
     """
-    own = {name: _own_task(study, name) for name in study.agents}
+    own = {name: study.own_task(name) for name in study.agents}
     agents = {name: load_agent(name, own[name]) for name in study.agents}
     for agent in agents.values():
         for world in study.worlds:
@@ -144,11 +149,6 @@ def read_table(folder: Path) -> list[RobustnessRow]:
             known.update(_numbers(row))
             kept.append(row)
     return kept
-
-
-def _own_task(study: RobustnessStudy, agent: str) -> TaskConfig:
-    task = as_trained(study.task, agent, own_robot=False)[0]
-    return with_overrides(task, study.settings)
 
 
 def _rows(study: RobustnessStudy, agents: Mapping[str, Agent]) -> Iterator[RobustnessRow]:
