@@ -167,7 +167,7 @@ def test_scans_that_cannot_be_relied_on_stop_the_car_and_say_why(processes, poli
     stops(lambda: cloud(good, frame="velodyne"), "in the frame 'velodyne', expected 'lidar'")
     drives(lambda: cloud(good))
     stops(lambda: cloud(good, stamp_s=time.time() - 100.0), "s old by its stamp")
-    stops(lambda: cloud(good, stamp_s=time.time() + 100.0), "s old by its stamp")
+    stops(lambda: cloud(good, stamp_s=time.time() + 100.0), "s in the future: the lidar's clock")
     stops(lambda: cloud(good[:0]), "0 of 0 points are returns")
     stops(lambda: cloud(np.full_like(good, np.nan)), "points are returns within 6 m")
     stops(lambda: _without_fields(cloud(good)), "must have the fields x, y and z, got none")
@@ -243,6 +243,8 @@ def _cut(message: PointCloud2) -> PointCloud2:
         (["-p", "margin_m:=wide"], "margin_m must be a float, got 'wide'"),
         (["-p", "margin_m:=-1"], "margin_m must be 0 to 10, got -1.0"),
         (["-p", "input:=camera"], "input must be cloud or scan, got 'camera'"),
+        (["-p", "lidar_yaw_rad:=90.0"], "must be -2 pi to 2 pi (-6.283 to 6.283), got 90.0; it is in radians"),
+        (["-p", "lidar_yaw_rad:=.inf"], "lidar_yaw_rad must be -2 pi to 2 pi"),
         (["-p", "reliability:=sure"], "reliability must be best_effort or reliable"),
         (["-p", "max_speed_mps:=0.0"], "max_speed_mps must be above 0"),
         (["-p", "watchdog_s:=0.1"], "watchdog_s must be above the policy's control step of 0.2 s"),
@@ -295,6 +297,15 @@ def test_the_page_and_its_parameter_file_are_true(processes):
 def test_a_wrong_option_of_the_simulator_is_refused(processes, options, told):
     with pytest.raises(ConfigError, match=re.escape(told)):
         simulate("track_2", TaskConfig(), **options)
+
+
+@pytest.mark.parametrize(
+    "options, told", [({}, False), ({"rate": 2.0}, True), ({"lockstep_s": 0.1}, True), ({"rate": 1.0}, False)]
+)
+def test_the_simulator_says_when_its_driver_needs_simulated_time(processes, capfd, options, told):
+    with pytest.raises(ConfigError, match="no command"):
+        simulate("track_2", TaskConfig(), wait_s=0.1, **options)
+    assert ("the driver needs --ros-args -p use_sim_time:=true" in capfd.readouterr().err) is told
 
 
 @pytest.mark.parametrize(

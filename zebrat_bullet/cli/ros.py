@@ -74,7 +74,12 @@ def add(command: AddCommand) -> None:
     sim.add_argument("--episode", type=whole_number, default=0, help="number of the episode, of --seed (default 0)")
     sim.add_argument("--caster", choices=("bullet", "embree"), default="bullet", help="ray caster of the lidar")
     sim.add_argument("--noise", type=float, default=0.0, help="lidar range noise, sigma in m")
-    sim.add_argument("--rate", type=float, default=1.0, help="simulated seconds in a second (default 1: real time)")
+    sim.add_argument(
+        "--rate",
+        type=float,
+        default=1.0,
+        help="simulated seconds in a second (default 1: real time); at any other the driver needs use_sim_time",
+    )
     sim.add_argument(
         "--lockstep",
         type=float,

@@ -33,6 +33,8 @@ _ROUNDING_S = 1e-3
 _NUMBER = re.compile(r"[0-9.]+")
 _EARLY = 0.75
 """A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
+_AHEAD_S = 0.02
+"""A stamp may be so far ahead: two clocks joined by NTP on one network differ by a few ms, a lidar's PTP by less."""
 
 
 class DriveNode:
@@ -52,10 +54,14 @@ class DriveNode:
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
-        self._heard: tuple[float, float] | None = None  # the last scan: by the node's clock, and the steady one
-        self._stamp_s, self._driven_s = -math.inf, -math.inf
+        self._heard: tuple[float, float] | None = (
+            None  # the last scan driven by: on the node's clock, and the steady one
+        )
+        self._own_s = self._stamp_s = -math.inf  # stamp of the last scan: the lidar's own, and what counts as it
+        self._driven = -math.inf, -math.inf  # of the last scan driven by: stamp, arrival
+        self._repeats = False
         self._said, self._said_s = "", -math.inf
-        self._sent_s = -math.inf
+        self._stopped_s = -math.inf  # when the last command was sent, if it was a stop
         self.n_refused = self.n_silences = 0
         self.work_s: deque[float] = deque(maxlen=100_000)
         self.age_s: deque[float] = deque(maxlen=100_000)
@@ -76,22 +82,29 @@ class DriveNode:
         return float(self._node.get_clock().now().nanoseconds) * 1e-9
 
     def _on_odometry(self, message: Odometry) -> None:
+        # Its age counts from arrival, unlike a scan's: a base may stamp by a clock of its own, and one that hangs falls
+        # silent, after which the supervisor reckons from the commands. So odometry must come without much delay.
         self._speed = float(message.twist.twist.linear.x), time.monotonic()
 
     def _on_scan(self, message: Any) -> None:
-        begin_s, stamp_s = time.monotonic(), seconds(message.header.stamp)
-        now_s = self._now_s()
-        if not self._settings.trust_stamps:
-            stamp_s = now_s
-        if stamp_s == self._stamp_s:
+        begin_s, now_s, own_s = time.monotonic(), self._now_s(), seconds(message.header.stamp)
+        self._repeats = own_s == self._own_s
+        if self._repeats:
             return  # the same scan again: a lidar that hangs is as good as none
-        if stamp_s < self._stamp_s:  # a clock that was set, a bag begun anew
-            self._driven_s = -math.inf
-        self._stamp_s, self._heard = stamp_s, (now_s, begin_s)
-        if stamp_s - self._driven_s < _EARLY * self._driver.definition.control_step_s:
+        self._own_s = own_s
+        stamp_s = own_s if self._settings.trust_stamps else now_s
+        back = stamp_s < self._stamp_s  # a clock that was set, a bag begun anew
+        self._stamp_s = stamp_s
+        arrival_s, step_s = now_s if self._sim_time else begin_s, self._driver.definition.control_step_s
+        early = stamp_s - self._driven[0] < _EARLY * step_s
+        if early and not back and arrival_s - self._driven[1] < (2.0 - _EARLY) * step_s:  # jitter is no reason
             return
-        self._driven_s = stamp_s
-        self._send(self._checked(self._decide(message, now_s - stamp_s), now_s - stamp_s))
+        self._driven, age_s = (stamp_s, arrival_s), now_s - stamp_s
+        decision = self._decide(message, age_s)
+        # Stamps that creep tell nothing new: such a scan feeds the watchdog from when it was taken, not from now.
+        late_s = max(0.0, age_s) if early and not decision.refusal else 0.0
+        self._heard = now_s - late_s, begin_s - late_s
+        self._send(self._checked(decision, age_s))
         self.work_s.append(time.monotonic() - begin_s)
         self.age_s.append(self._now_s() - stamp_s)
 
@@ -114,7 +127,13 @@ class DriveNode:
             )
         if self._sim_time and self._now_s() == 0.0:
             raise SensorError("use_sim_time is true and nothing publishes /clock; set it to false on a real car")
-        if abs(age_s) > self._settings.watchdog_s:
+        # In simulated time /clock may be heard after the scan of the same instant, by a whole control step.
+        if -age_s > (self._settings.watchdog_s if self._sim_time else _AHEAD_S):
+            raise SensorError(
+                f"a scan stamped {-age_s:.3f} s in the future: the lidar's clock is ahead of this computer's; "
+                "synchronise the two (PTP, NTP), set use_sim_time for a simulated lidar, or trust_stamps to false"
+            )
+        if age_s > self._settings.watchdog_s:
             raise SensorError(
                 f"a scan {age_s:.3f} s old by its stamp, at most {self._settings.watchdog_s:g} s are allowed; if the "
                 "lidar is alive, its clock differs from this computer's: synchronise them, set use_sim_time for a "
@@ -154,14 +173,17 @@ class DriveNode:
         if self._sim_time:
             frozen = silent_s >= max(_FROZEN_CLOCK_S, limit_s)
             silent_s = max(silent_s if frozen else 0.0, self._now_s() - self._heard[0])
-        again = time.monotonic() - self._sent_s >= self._driver.definition.control_step_s
+        again = time.monotonic() - self._stopped_s >= self._driver.definition.control_step_s
         if silent_s > limit_s - _ROUNDING_S and again:
             self.n_silences += 1
             refusal = f"no scan on {self.listener.topic} for {silent_s:.2f} s"
+            if self._repeats:
+                refusal += ", but one stamp again and again; the lidar hangs, or does not stamp its scans"
             self._send(self._checked(Decision(self._stop(), refusal), 0.0))
 
     def _send(self, decision: Decision) -> None:
         self._publish(decision.command)
+        self._stopped_s = time.monotonic() if decision.command.speed_mps == 0.0 else -math.inf
         self.n_refused += bool(decision.refusal)
         said = _NUMBER.sub("#", decision.refusal)
         if said and (said != self._said or time.monotonic() - self._said_s >= _SAY_AGAIN_S):
@@ -172,7 +194,6 @@ class DriveNode:
         self._said = said
 
     def _publish(self, command: Command) -> None:
-        self._sent_s = time.monotonic()
         now_s = self._now_s()
         if self._sim_time:  # which may be told later than the scan that it belongs to
             now_s = max(now_s, self._stamp_s)

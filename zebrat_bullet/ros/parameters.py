@@ -60,8 +60,11 @@ class DriveSettings:
             raise ConfigError(f"watchdog_s must be 0.05 to 10, got {self.watchdog_s}")
         if not 0.0 <= self.margin_m <= 10.0:
             raise ConfigError(f"margin_m must be 0 to 10, got {self.margin_m}")
-        if not math.isfinite(self.lidar_yaw_rad):
-            raise ConfigError(f"lidar_yaw_rad must be finite, got {self.lidar_yaw_rad}")
+        if not abs(self.lidar_yaw_rad) <= 2.0 * math.pi:
+            raise ConfigError(
+                f"lidar_yaw_rad must be -2 pi to 2 pi (-6.283 to 6.283), got {self.lidar_yaw_rad}; it is in radians: "
+                "90 degrees are 1.5708"
+            )
         for name in ("max_speed_mps", "max_steering_rad"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")

@@ -52,6 +52,12 @@ def simulate(
 
         node = make_node("zebrat_sim")
         settings = read_parameters(node, SimSettings)
+        if rate != 1.0 or lockstep_s is not None:
+            option = "--lockstep" if lockstep_s is not None else f"--rate {rate:g}"
+            node.get_logger().info(
+                f"with {option} simulated time is not this computer's: "
+                "the driver needs --ros-args -p use_sim_time:=true"
+            )
         drive = Drive(task, place)
         try:
             reading = drive.reset(np.random.default_rng([seed, episode]), whole_scans=True)
