@@ -1,5 +1,6 @@
 """The server behind both pages answers its own pages only; what was begun for a tab ends with it."""
 
+import gc
 import json
 import math
 import multiprocessing
@@ -35,8 +36,23 @@ def right_angle(width_m: float) -> dict[str, Any]:
     return RIGHT_ANGLE | {"widths": [width_m, width_m]}
 
 
+OTHERS: set[int] = set()
+"""Clients of PyBullet that other tests of this process have left open."""
+
+
+def clients() -> set[int]:
+    return {i for i in range(50) if pybullet.isConnected(i)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def others() -> None:
+    """Note them before anything is begun here."""
+    gc.collect()
+    OTHERS.update(clients())
+
+
 def simulations() -> int:
-    return sum(pybullet.isConnected(i) for i in range(50))
+    return len(clients() - OTHERS)
 
 
 def ask(
@@ -81,7 +97,7 @@ class Tab:
 
 
 @pytest.fixture(scope="module")
-def stage_server() -> Iterator[PlayServer]:
+def stage_server(others: None) -> Iterator[PlayServer]:
     hub = Hub()
     stage = Stage(TASK, hub, ["shipped", "random"], seed=0, limit_s=60.0)
     server = PlayServer("127.0.0.1", 0, hub, stage, {"first": "shipped"})
