@@ -13,14 +13,17 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.export import export_policy
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.deploy import Driver
+from zebrat_bullet.deploy.supervisor import MARGIN_M, Supervisor
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.types import FlatScan, PointCloud
+from zebrat_bullet.types import PointCloud, Reading
 from zebrat_bullet.world import load_world
 
 WARMUP_CALLS = 50
+NEVER_FREE_M = 1.0
+"""Margin of a supervisor that refuses every command in a narrow passage, and has to look at every return."""
 
 
 def bench_deploy(policy: str, world: str, n_calls: int, seed: int) -> dict[str, float]:
@@ -34,7 +37,8 @@ def bench_deploy(policy: str, world: str, n_calls: int, seed: int) -> dict[str, 
 
     Returns:
         points of a cloud, the mean number of returns in it, and in ms the median, 99th percentile and longest of
-        `cloud` (checking, flattening and the network together), of its part `network` (encoding too) and of `scan`;
+        `cloud` (checking, flattening and the network together), of its part `network` (encoding too) and of `scan`; of
+        the supervisor's check as it is by default, `check`, and of one that refuses everything, `refusal`;
         `_cpu_` is the time of the core, free of what other processes took of it.
     """
     if n_calls < 1:
@@ -42,14 +46,23 @@ def bench_deploy(policy: str, world: str, n_calls: int, seed: int) -> dict[str, 
     with tempfile.TemporaryDirectory() as folder:
         export_policy(policy, Path(folder))
         driver = Driver.load(folder)
-    clouds, scans = _record(policy, world, seed)
+    clouds, readings = _record(policy, world, seed)
+    scans = [reading.scan for reading in readings]
     # What a real lidar sends where there was no return.
     points = [np.where(cloud.valid[:, None], cloud.points_lidar, np.float32(np.inf)) for cloud in clouds]
+    step_s = driver.definition.control_step_s
+    usual, strict = (Supervisor(driver.car, step_s, margin_m) for margin_m in (MARGIN_M, NEVER_FREE_M))
+
+    def check(supervisor: Supervisor) -> Callable[[Reading], object]:
+        return lambda seen: supervisor.check(seen.last_command, seen.scan, seen.speed_mps, None)
+
     with threadpool_limits(1):
         took = {
             "cloud": _timed(driver.drive_cloud, points, n_calls),
             "network": _timed(driver._drive, scans, n_calls),
             "scan": _timed(driver.drive_scan, [scan.ranges_m for scan in scans], n_calls),
+            "check": _timed(check(usual), readings, n_calls),
+            "refusal": _timed(check(strict), readings, n_calls),
         }
     result: dict[str, float] = {
         "points": len(points[0]),
@@ -63,20 +76,19 @@ def bench_deploy(policy: str, world: str, n_calls: int, seed: int) -> dict[str, 
     return result
 
 
-def _record(policy: str, world: str, seed: int) -> tuple[list[PointCloud], list[FlatScan]]:
-    """Drive an episode of the policy in PyBullet and return what its lidar saw."""
+def _record(policy: str, world: str, seed: int) -> tuple[list[PointCloud], list[Reading]]:
+    """Drive an episode of the policy in PyBullet and return what its lidar saw and it read."""
     task, _ = as_trained(TaskConfig(), policy, own_robot=True)
     drive, agent = Drive(task, load_world(world, robot=load_robot(task.robot))), load_agent(policy, task)
-    rng = np.random.default_rng(seed)
-    reading, outcome = drive.reset(rng), None
-    clouds, scans = [], []
+    reading, outcome = drive.reset(np.random.default_rng(seed)), None
+    clouds, readings = [], []
     while outcome is None:
-        clouds.append(drive.lidar.cloud(drive.lidar.sweep(drive.state, rng)))
-        scans.append(reading.scan)
+        clouds.append(drive.lidar.cloud(drive.sweep))
+        readings.append(reading)
         step = drive.step(agent.act(reading))
         reading, outcome = step.reading, step.outcome
     drive.close()
-    return clouds, scans
+    return clouds, readings
 
 
 def _timed(call: Callable[[Any], object], given: list[Any], n_calls: int) -> tuple[list[float], list[float]]:

@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, note, progress_bar, workers_option
+from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, note, progress_bar
+from zebrat_bullet.cli.options import workers_option
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, ZebratError
 

@@ -5,19 +5,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zebrat_bullet.cli.common import (
-    TRACKS,
-    AddCommand,
-    Result,
+from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, file_name, of_engine, own_task_of, placed, progress_bar
+from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
+from zebrat_bullet.cli.options import (
     agents_option,
     engine_option,
-    file_name,
     noisy_options,
-    of_engine,
-    own_task_of,
     place_options,
-    placed,
-    progress_bar,
     randomise_option,
     reward_options,
     sim_option,
@@ -26,7 +20,6 @@ from zebrat_bullet.cli.common import (
     whole_number,
     workers_option,
 )
-from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
 from zebrat_bullet.cli.recording import bag_options, replay_bag
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError

@@ -5,17 +5,8 @@ import json
 import os
 from pathlib import Path
 
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    Result,
-    agents_option,
-    progress_bar,
-    randomise_option,
-    reward_options,
-    task_of,
-    task_options,
-    workers_option,
-)
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, task_of
+from zebrat_bullet.cli.options import agents_option, randomise_option, reward_options, task_options, workers_option
 
 
 def families(arguments: argparse.Namespace) -> Result:

@@ -15,8 +15,8 @@ from zebrat_bullet.cli.common import (
     of_engine,
     own_task_of,
     progress_bar,
-    workers_option,
 )
+from zebrat_bullet.cli.options import workers_option
 from zebrat_bullet.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -6,20 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.cli.common import (
-    TRACKS,
-    AddCommand,
-    Result,
-    file_name,
-    noisy_options,
-    note,
-    place_options,
-    placed,
-    progress_bar,
-    reward_options,
-    task_of,
-    task_options,
-)
+from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, file_name, note, placed, progress_bar, task_of
+from zebrat_bullet.cli.options import noisy_options, place_options, reward_options, task_options
 from zebrat_bullet.errors import ConfigError
 
 

@@ -29,7 +29,8 @@ from zebrat_bullet.cli import (
     width,
     worlds,
 )
-from zebrat_bullet.cli.common import PartialResultError, Run, name_robot, robot_options, whole_number
+from zebrat_bullet.cli.common import PartialResultError, Run, name_robot
+from zebrat_bullet.cli.options import robot_options, whole_number
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
 

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, workers_option
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar
+from zebrat_bullet.cli.options import workers_option
 from zebrat_bullet.config import TaskConfig
 
 

@@ -3,7 +3,8 @@
 import argparse
 import sys
 
-from zebrat_bullet.cli.common import AddCommand, Result, task_of, task_options
+from zebrat_bullet.cli.common import AddCommand, Result, task_of
+from zebrat_bullet.cli.options import task_options
 
 
 def play(arguments: argparse.Namespace) -> Result:

@@ -5,15 +5,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    Result,
-    file_name,
+from zebrat_bullet.cli.common import AddCommand, Result, file_name, note, own_task_of, placed
+from zebrat_bullet.cli.options import (
     noisy_options,
-    note,
-    own_task_of,
     place_options,
-    placed,
     randomise_option,
     reward_options,
     supervised_option,

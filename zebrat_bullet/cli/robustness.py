@@ -8,15 +8,10 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    Result,
+from zebrat_bullet.cli.common import AddCommand, Result, engine_task_of, of_engine, progress_bar, require_own_caster
+from zebrat_bullet.cli.options import (
     agents_option,
     engine_option,
-    engine_task_of,
-    of_engine,
-    progress_bar,
-    require_own_caster,
     reward_options,
     supervised_option,
     task_options,

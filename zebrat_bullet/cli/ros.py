@@ -4,7 +4,8 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from zebrat_bullet.cli.common import AddCommand, Result, whole_number
+from zebrat_bullet.cli.common import AddCommand, Result
+from zebrat_bullet.cli.options import whole_number
 from zebrat_bullet.config import TaskConfig
 
 LOCKSTEP_S = 5.0

@@ -4,16 +4,13 @@ import argparse
 import json
 from pathlib import Path
 
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    Result,
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, task_of
+from zebrat_bullet.cli.options import (
     agents_option,
     noisy_options,
-    progress_bar,
     randomise_option,
     reward_options,
     sim_option,
-    task_of,
     task_options,
     workers_option,
 )

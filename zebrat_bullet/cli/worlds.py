@@ -9,15 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.cli.common import (
-    AddCommand,
-    PartialResultError,
-    Result,
-    note,
-    place_options,
-    placed,
-    robot_settings,
-)
+from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, placed, robot_settings
+from zebrat_bullet.cli.options import place_options
 from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
 
 if TYPE_CHECKING:

@@ -191,21 +191,17 @@ class Supervisor:
                 "the lidar saw the car itself, or something on it; take it away, or filter these returns out",
             )
         path = self._paths(command, age_s)
-        gaps, near = self._gaps(points, np.concatenate(path))
-        ends = np.cumsum([len(part) for part in path])[:-1]
-        least = np.array([part.min(initial=math.inf) for part in np.split(gaps, ends)])
+        least = self._rooms(points, now, [path])[0]
         if least.min() >= self.margin_m:
             return Decision(command)
         stops = [Command(0.0, steering) for steering in (command.steering_rad, self._last.steering_rad)]
-        rooms = np.minimum(self._rooms(points, stops, age_s), self.margin_m)
+        braked = [self._paths(stop, age_s) for stop in stops]
+        rooms = np.minimum(self._rooms(points, now, braked), self.margin_m)
         best = 0 if rooms[0].min() >= rooms[1].min() - _SAME_M else 1
         nearer = (least < rooms[best] - _SAME_M).any()
-        if not nearer and not self._touches_more(_apart(points, now), path, self._paths(stops[best], age_s)):
+        if not nearer and not self._touches_more(_apart(points, now), path, braked[best]):
             return Decision(command)
-        nearest = near[gaps.min(axis=0).argmin()]
-        first = int((gaps < self.margin_m).any(axis=1).argmax())
-        reason = self._reason(np.concatenate(path)[first, 3], float(least.min()), nearest)
-        return Decision(stops[best], reason + self._advice(points, age_s))
+        return Decision(stops[best], self._reason(points, now, path) + self._advice(points, now, age_s))
 
     def _touches_more(
         self, points: NDArray[np.float64], path: list[NDArray[np.float64]], stop: list[NDArray[np.float64]]
@@ -230,32 +226,37 @@ class Supervisor:
             for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
         ]
 
-    def _gaps(
-        self, points: NDArray[np.float64], path: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (T, N) gaps and the (N, 2) points, of all points the only ones that can come within the margin."""
-        now = self._outline.gaps(points, _HERE)[0]
-        near = points[now < self.margin_m + self._outline.moved_m(path, self.margin_m)]
-        return self._outline.gaps(near, path), near
-
     def _rooms(
-        self, points: NDArray[np.float64], commands: Sequence[Command], age_s: float, every: int = 1
+        self,
+        points: NDArray[np.float64],
+        now: NDArray[np.float64],
+        ways: Sequence[list[NDArray[np.float64]]],
+        every: int = 1,
     ) -> NDArray[np.float64]:
-        """Return (C, P) the clearance of the paths of each command, exact where it is less than the margin.
+        """Return (W, P) the clearance of the P paths of each way, exact where it is less than the margin.
 
-        Of each path one pose in `every` is looked at.
+        Args:
+            points: (N, 2) returns.
+            now: (N,) how far each is outside of the outline where the car is.
+            ways: the paths of each.
+            every: of each path one pose in so many is looked at.
         """
-        paths = [path[::-every] for command in commands for path in self._paths(command, age_s)]
-        least = self._gaps(points, np.concatenate(paths))[0].min(axis=1, initial=math.inf)
+        paths = [path[::-every] for way in ways for path in way]
+        poses = np.concatenate(paths)
+        near = points[now < self.margin_m + self._outline.moved_m(poses, self.margin_m)]
+        least = self._outline.gaps(near, poses).min(axis=1, initial=math.inf)
         begin = np.cumsum([0, *map(len, paths[:-1])])
-        return np.minimum.reduceat(least, begin).reshape(len(commands), -1)
+        return np.minimum.reduceat(least, begin).reshape(len(ways), -1)
 
-    def _reason(self, time_s: float, least_m: float, point: NDArray[np.float64]) -> str:
-        """Return where and when a command comes too near."""
-        away = float(self._outline.gaps(point[None], _HERE)[0, 0])
+    def _reason(self, points: NDArray[np.float64], now: NDArray[np.float64], path: list[NDArray[np.float64]]) -> str:
+        """Return what a command comes too near to, where and when."""
+        poses = np.concatenate(path)
+        gaps = self._outline.gaps(points, poses)
+        nearest, least_m = int(gaps.min(axis=0).argmin()), float(gaps.min())
+        time_s = poses[int((gaps < self.margin_m).any(axis=1).argmax()), 3]
         what = "would touch what" if least_m <= 0.0 else f"would come to {least_m:.3f} m of what"
         margin = f" (margin {self.margin_m:g} m)" if least_m > 0.0 else ""
-        return f"{what} is {away:.2f} m {self._side(point)} in {time_s:.1f} s{margin}; "
+        return f"{what} is {now[nearest]:.2f} m {self._side(points[nearest])} in {time_s:.1f} s{margin}; "
 
     def _side(self, point: NDArray[np.float64]) -> str:
         """Return on which side of the car a point is, eight to choose from."""
@@ -263,11 +264,11 @@ class Supervisor:
         bearing = math.atan2(point[1] / half[1], point[0] / half[0])
         return _SIDES[round((bearing + math.pi) / (math.pi / 4.0)) % len(_SIDES)]
 
-    def _advice(self, points: NDArray[np.float64], age_s: float) -> str:
+    def _advice(self, points: NDArray[np.float64], now: NDArray[np.float64], age_s: float) -> str:
         """Return which ways the car could go, looked at coarsely: each is checked when it is commanded."""
         speed, lock = self.car.max_speed_mps, self.car.max_steering_rad
-        ways = [(speed * sign, steering) for sign in (1.0, -1.0) for steering in (lock, 0.0, -lock)]
-        rooms = self._rooms(points, [Command(*way) for way in ways], age_s, _COARSE).min(axis=1)
+        ways = [Command(speed * sign, steering) for sign in (1.0, -1.0) for steering in (lock, 0.0, -lock)]
+        rooms = self._rooms(points, now, [self._paths(way, age_s) for way in ways], _COARSE).min(axis=1)
         free = [name for name, room in zip(_WAYS, rooms, strict=True) if room >= self.margin_m]
         return f"free at full speed: {', '.join(free)}" if free else "no way is free at full speed, go slower"
 

@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from zebrat_bullet.agents import Agent
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.evaluation.records import EpisodeRecord
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.sensing.lidar import Sweep
-from zebrat_bullet.task.drive import Drive, DriveStep
-from zebrat_bullet.types import Command, Pose2, Reading, RobotState
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.types import Command, Reading, RobotState
 from zebrat_bullet.world import World
 
 
@@ -38,29 +36,16 @@ class WatchedEpisode:
 
 
 class WatchedDrive(Drive):
-    """A drive that keeps what each reading of the episode was made from."""
+    """A drive of one episode that keeps what each of its readings was made from."""
 
-    seen: list[Seen]
+    def __init__(self, config: TaskConfig, world: World) -> None:
+        super().__init__(config, world)
+        self.seen: list[Seen] = []
 
-    def reset(
-        self,
-        rng: np.random.Generator,
-        world: World | None = None,
-        pose: Pose2 | None = None,
-        *,
-        guided: bool = False,
-        whole_scans: bool = False,
-    ) -> Reading:
-        """Begin an episode, as `Drive.reset`."""
-        reading = super().reset(rng, world, pose, guided=guided, whole_scans=whole_scans)
-        self.seen = [Seen(self.state, self.sweep)]
-        return reading
-
-    def step(self, command: Command) -> DriveStep:
-        """Drive one control step, as `Drive.step`."""
-        step = super().step(command)
+    def _read(self, command: Command) -> Reading:
+        reading = super()._read(command)
         self.seen.append(Seen(self.state, self.sweep))
-        return step
+        return reading
 
 
 def watch_episode(task: TaskConfig, world: World, agent: Agent, seed: int, episode: int) -> WatchedEpisode:

@@ -54,9 +54,8 @@ class DriveNode:
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
-        self._heard: tuple[float, float] | None = (
-            None  # the last scan driven by: on the node's clock, and the steady one
-        )
+        # When the last scan driven by came: on the node's clock, and on the steady one.
+        self._heard: tuple[float, float] | None = None
         self._own_s = self._stamp_s = -math.inf  # stamp of the last scan: the lidar's own, and what counts as it
         self._driven = -math.inf, -math.inf  # of the last scan driven by: stamp, arrival
         self._repeats = False
