@@ -1,5 +1,7 @@
 """When a planar car touches a wall: against shapely, at every corner of every shipped robot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -110,6 +112,19 @@ def test_of_a_range_of_margins_each_episode_draws_its_own() -> None:
         share.append(drive.sim.contact.copy())
     assert abs(np.mean(share) - 0.9) < 0.02
     assert (share[0] != share[1]).any()
+
+
+def test_tracks_of_a_family_may_have_a_margin_of_their_own() -> None:
+    wall = box_world(((2.0, 3.0), (-2.0, 2.0), (0.0, 1.0)))
+    worlds = [replace(wall, family=family) for family in ("narrowing", "corners", "")]
+    near, touched_in = [Pose2(1.45, 0.0, 0.0)] * len(worlds), []  # nose at 1.95
+    for margin_m in ({"narrowing": 0.01, "other": 0.06}, {"other": 0.01, "corners": (0.055, 0.06)}):
+        drive = PlanarDrive(TaskConfig(), worlds[:1], len(near), margin_m=margin_m)
+        drive.add_worlds(worlds[1:])
+        drive.begin_at(np.arange(3, dtype=np.int32), near)
+        drive.sim.step()
+        touched_in.append(drive.sim.contact.tolist())
+    assert touched_in == [[False, True, True], [False, True, False]]
 
 
 def test_a_margin_never_fires_late_and_at_a_corner_no_earlier_than_a_mitre(robot: RobotModel) -> None:

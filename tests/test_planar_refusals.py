@@ -90,6 +90,19 @@ def test_a_margin_out_of_range_is_refused(margin_m: float | tuple[float, float])
 
 
 @pytest.mark.parametrize(
+    ("margin_m", "said"),
+    [
+        ({"corners": 0.01}, "needs 'other' for the rest"),
+        ({"corner": 0.01, "other": 0.0}, "no family of tracks 'corner'"),
+        ({"corners": 0.3, "other": 0.0}, r"margin_m must be in \[0, 0\.2\)"),
+    ],
+)
+def test_margins_by_family_that_cannot_be_meant_are_refused(margin_m: dict[str, float], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        PlanarDrive(TaskConfig(), [FIELD], 1, margin_m=margin_m)
+
+
+@pytest.mark.parametrize(
     ("task", "said"),
     [
         (TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)), "sees no wall nearer than 2.43 m"),

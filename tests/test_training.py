@@ -34,7 +34,7 @@ from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import DDPGConfig, PlanarConfig, TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS
 from zebrat_bullet.world import load_world
 
@@ -247,6 +247,9 @@ def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
     config = with_overrides(TINY, overrides_of(path))
     assert config.episodes == 7 and config.learner == replace(TINY.learner, hidden=(8, 8), sigma=0.2)
     assert config.task.reward.weights == {"F": 1.0, "O": 1.0, "M": 0.0, "T": 1.0}
+    path.write_text("planar: {margin_m: {corners: 0.01, other: [0.0, 0.02]}}\n")
+    planar = with_overrides(replace(TINY, planar=PlanarConfig()), overrides_of(path)).planar
+    assert planar is not None and planar.margin_m == {"corners": 0.01, "other": (0.0, 0.02)}
     path.write_text("- episodes")
     with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
         overrides_of(path)

@@ -145,6 +145,9 @@ class NoiseConfig:
 
 Range = tuple[float, float]
 """Least and greatest value of a uniform draw."""
+Margins = float | Range | Mapping[str, float | Range]
+"""A margin in m, a range of which each episode draws its own, or either by family of tracks, `OTHER` for the rest."""
+OTHER = "other"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,8 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import parse_yaml, read_text, read_yaml, refusing, shown
 
 _MOST_ERRORS = 10
+_WHOLE = {"margin_m"}
+"""Mappings that are set as a whole: what they held before may be no mapping."""
 
 Config = TypeVar("Config")
 
@@ -124,7 +126,7 @@ def overrides_of(path: Path) -> list[str]:
 
 def _dotted(values: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
     for key, value in values.items():
-        if isinstance(value, dict) and value:
+        if isinstance(value, dict) and value and key not in _WHOLE:
             yield from ((f"{key}.{rest}", inner) for rest, inner in _dotted(value))
         else:
             yield str(key), value

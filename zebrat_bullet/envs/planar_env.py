@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, on_host
-from zebrat_bullet.config import NoiseConfig, Range, RewardConfig, TaskConfig
+from zebrat_bullet.config import Margins, NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
 from zebrat_bullet.errors import EpisodeError
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
@@ -56,7 +56,7 @@ class PlanarVectorEnv(VectorEnv):
         raw: bool = False,
         task: TaskConfig | Mapping[str, Any] | None = None,
         device: str = "cpu",
-        margin_m: float | Range = 0.0,
+        margin_m: Margins = 0.0,
     ) -> None:
         config = varied(task, robot, reward, None, noise)
         loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))

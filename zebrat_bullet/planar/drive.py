@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import Range, TaskConfig, require_planar_cars
+from zebrat_bullet.config import OTHER, Margins, Range, TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.car import NEAR_M
 from zebrat_bullet.planar.simulation import PlanarSimulation
@@ -20,7 +20,7 @@ from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
-from zebrat_bullet.world.world import World
+from zebrat_bullet.world import World, check_family
 
 N_STARTS = 64
 """Start poses drawn for each world; every episode begins at one of them."""
@@ -66,6 +66,7 @@ class PlanarDrive:
         raw: observations and actions in SI units instead of [-1, 1].
         margin_m: walls so near to the outline count as touched; a policy that learns with it does not shave walls. Of a
             range each episode draws one: where there is room such a policy keeps away, where there is none it squeezes.
+            By family of tracks, where some leave less room than others.
 
     Attributes:
         spec: the observation.
@@ -88,9 +89,9 @@ class PlanarDrive:
         device: str = "cpu",
         seed: int = 0,
         raw: bool = False,
-        margin_m: float | Range = 0.0,
+        margin_m: Margins = 0.0,
     ) -> None:
-        self._margin_m = _range_of(margin_m)
+        self._margins_of = _margins_of(margin_m)
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
@@ -108,6 +109,7 @@ class PlanarDrive:
         self._all_seen = len(indices) == len(self._seen) and bool((np.diff(self._seen) == 1).all())
         self.worlds: list[World] = []
         self.starts = np.empty((0, N_STARTS, 3))
+        self._margins = np.empty((0, 2))
         self.weights: NDArray[np.float64] | None = None
         self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
         self._note_worlds(worlds)
@@ -126,6 +128,8 @@ class PlanarDrive:
         first = len(self.worlds)
         self.worlds += worlds
         self.starts = np.concatenate([self.starts, *(self._draw_starts(world)[None] for world in worlds)])
+        margins = [self._margins_of.get(world.family, self._margins_of[OTHER]) for world in worlds]
+        self._margins = np.concatenate([self._margins, np.array(margins).reshape(-1, 2)])
         lines = open_lines(self.worlds) - self.sim.origin[:, None]
         self._lines = np.concatenate([getattr(self, "_lines", lines[:0]), lines[first:]])
         gates = gates_of(self.worlds)
@@ -221,17 +225,18 @@ class PlanarDrive:
         self._noise_base[cars] = rng.integers(2**31, size=len(cars), dtype=np.int32) - self._n_steps
         host = (worlds, poses.astype(np.float32), dynamics.astype(np.float32))
         sim.place(cars, *(like(values, sim.pose) for values in host))
-        sim.margin[cars] = like(self._draw_margins(len(cars)), sim.pose)
+        sim.margin[cars] = like(self._draw_margins(worlds), sim.pose)
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
         gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
         self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
 
-    def _draw_margins(self, n: int) -> NDArray[np.float32]:
-        least, most = self._margin_m
-        drawn = self._rng.uniform(least, most, size=n) if least < most else np.full(n, least)
-        return drawn.astype(np.float32)
+    def _draw_margins(self, worlds: NDArray[np.int32]) -> NDArray[np.float32]:
+        least, most = self._margins.T
+        if (least < most).any():
+            return self._rng.uniform(least[worlds], most[worlds]).astype(np.float32)
+        return least[worlds].astype(np.float32)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges
@@ -269,6 +274,16 @@ class PlanarDrive:
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
         return self.sim.state() | self._rules.state() | own
+
+
+def _margins_of(margin_m: Margins) -> dict[str, Range]:
+    """Return least and greatest margin by family, `OTHER` among them."""
+    given = margin_m if isinstance(margin_m, Mapping) else {OTHER: margin_m}
+    if OTHER not in given:
+        raise ConfigError(f"margin_m by family needs {OTHER!r} for the rest, got {dict(given)}")
+    for family in given.keys() - {OTHER}:
+        check_family(family, None)
+    return {family: _range_of(margin) for family, margin in given.items()}
 
 
 def _range_of(margin_m: float | Range) -> Range:

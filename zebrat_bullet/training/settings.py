@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from zebrat_bullet.config import MOST_SEED, LidarConfig, Range, TaskConfig, require_planar_cars, within
+from zebrat_bullet.config import MOST_SEED, LidarConfig, Margins, TaskConfig, require_planar_cars, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.world import HELD_OUT_SEED, check_family
@@ -169,7 +169,8 @@ class PlanarConfig:
         difficulty: of these tracks, 0 to 1; None draws each one's (0.6 for `mixed`), as for the tracks of evaluations.
         curriculum: a track is drawn in proportion to this plus p (1 - p), p its recent success: most often where there
             is something to learn (Sampling For Learnability); 0: all alike.
-        margin_m: walls so near to the outline count as touched while it learns; of a range each episode draws its own.
+        margin_m: walls so near to the outline count as touched while it learns; of a range each episode draws its own;
+            by family of tracks, as in {narrowing: 0.002, other: [0.01, 0.03]}, where some leave less room.
         n_eval_tracks, n_eval_starts: tracks of these families and of the seeds from `VALIDATION_SEED` on, and episodes
             from the start of each, by which the best policy is chosen; sensor and dynamics drawn as in training, no
             exploration.
@@ -182,7 +183,7 @@ class PlanarConfig:
     families: tuple[str, ...] = ("mixed",)
     difficulty: float | None = None
     curriculum: float = 0.004
-    margin_m: float | Range = 0.02
+    margin_m: Margins = 0.02
     n_eval_tracks: int = 250
     n_eval_starts: int = 4
     eval_every_steps: int = 500_000
@@ -190,7 +191,7 @@ class PlanarConfig:
     def __post_init__(self) -> None:
         _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
         _shares(self, "curriculum")
-        within(self, n_cars=(1, 2**18), margin_m=(-1.0, 10.0), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
+        within(self, n_cars=(1, 2**18), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
         within(self, n_eval_starts=(1, _PLANAR_STARTS), eval_every_steps=(1, 10**12))
         if not self.families:
             raise ConfigError("planar.families is empty; name at least one family of tracks")
