@@ -1,4 +1,4 @@
-"""The manifest of a comparison: which runs, which judgements, and what of them each budget does; data, one YAML file."""
+"""The manifest of a comparison: which runs and judgements, and what of them each budget does; one YAML file."""
 
 import json
 from collections.abc import Collection, Iterable, Iterator
@@ -28,6 +28,7 @@ class Training:
         variant: what it has beside the study's plain runs, such as "crash"; empty for those.
         init: name of another training; each algorithm and reward begins with the best policy of its seeds there.
         kept: a folder or zip archive of run folders that exist: finished ones are not run again.
+        kept_seeds: of these, in every budget that does not cut the training short.
         policies: of kept runs that can be judged, the policy file by the name of the run's folder.
     """
 
@@ -42,6 +43,7 @@ class Training:
     set: tuple[str, ...] = ()
     init: str = ""
     kept: str = ""
+    kept_seeds: tuple[int, ...] = ()
     policies: dict[str, str] = field(default_factory=dict)
 
     def setting(self, algo: str) -> str:
