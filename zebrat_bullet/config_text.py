@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,9 +16,14 @@ _MOST_ERRORS = 10
 Config = TypeVar("Config")
 
 
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)  # a tenth of a second each of a large class
+
+
 def to_json(config: object) -> str:
     """Return a settings dataclass as JSON."""
-    return TypeAdapter(type(config)).dump_json(config).decode()
+    return _adapter(type(config)).dump_json(config).decode()
 
 
 def from_json(kind: type[Config], text: str) -> Config:
@@ -27,7 +33,7 @@ def from_json(kind: type[Config], text: str) -> Config:
         ConfigError: a value is missing, of the wrong type or out of its range; the message names the field.
     """
     try:
-        return TypeAdapter(kind).validate_json(text)
+        return _adapter(kind).validate_json(text)
     except ValidationError as error:
         raise ConfigError(f"not a valid {kind.__name__}: {_explained(error)}") from error
 

@@ -9,6 +9,7 @@ from zebrat_bullet.comparison.manifest import cells
 from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, driver_kind, training_kind
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
+from zebrat_bullet.evaluation.judge import CHUNK
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of
 from zebrat_bullet.training.sweep_run import cores_of
@@ -41,7 +42,7 @@ def forecast(place: Place, planned: Sequence[Step], to_do: Sequence[Step], speed
     lines = [f"budget {place.budget}: {place.plan.about}; {len(to_do)} of {len(planned)} steps are to do"]
     lines += [
         f"  {group}: {n} {'step' if n == 1 else 'steps'}, "
-        + (f"about {_time(hours[group])}" + (", and what could not be measured" if group in unknown else ""))
+        + (f"about {_time(hours[group])}" + (", and what was not measured" if group in unknown else ""))
         for group, n in counts.items()
     ]
     cores = len(os.sched_getaffinity(0))
@@ -61,25 +62,28 @@ def _group(step: Step) -> str:
 def _seconds(place: Place, step: Step, speed: Mapping[str, float]) -> float | None:
     cores = len(os.sched_getaffinity(0))
     if isinstance(step, Collisions):
-        return None if CONTACT not in speed else speed[CONTACT] * step.events
+        return None if CONTACT not in speed else speed[CONTACT] * step.what.events
     if isinstance(step, Judge):
         kind = driver_kind(step)
         if kind not in speed:
             return None
         if kind == A_SET:
             return speed[A_SET]
-        return speed.get(START, 0.0) + speed[kind] * _LONG.get(step.cell.place, 1.0) * step.cell.episodes / cores
+        in_turn = max(ceil(step.cell.episodes / cores), min(step.cell.episodes, CHUNK))
+        return speed.get(START, 0.0) + speed[kind] * _LONG.get(step.cell.place, 1.0) * in_turn
     assert isinstance(step, Train)
     configs = runs_of(step.sweep, step.folder)
-    total = 0.0
+    each: list[float] = []
+    at_once = 1
     for run in step.missing():
         config = configs[run]
         rate = speed.get(training_kind(config))
         if rate is None:
             return None
         done = reached(run, config).get("steps", 0)
-        total += max(_steps(place, step.training, config) - done, 0) / rate / max(cores // cores_of(config), 1)
-    return total
+        each.append(max(_steps(place, step.training, config) - done, 0) / rate)
+        at_once = max(cores // cores_of(config), 1)
+    return max(sum(each) / at_once, *each, 0.0)
 
 
 def _steps(place: Place, training: str, config: TrainConfig) -> float:

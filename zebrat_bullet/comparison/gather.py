@@ -139,3 +139,7 @@ def _collision_rows(folder: Path) -> Iterator[dict[str, Any]]:
                 column: kinds[kind](text) if (text := texts[column]) or kind == "string" else None
                 for column, kind in COLUMNS["collisions"].items()
             }
+
+
+def _whole(text: str) -> int:
+    return int(float(text))

@@ -67,10 +67,10 @@ def _measured(place: Place, step: Step, folder: Path, known: dict[str, float]) -
     if isinstance(step, Train):
         return _train(step, folder, log, known)
     if isinstance(step, Collisions):
-        if CONTACT in known or step.events <= _CONTACTS:
+        if CONTACT in known or step.what.events <= _CONTACTS:
             return {}
         began = time.monotonic()
-        call(replace(step, folder=folder / "study", events=_CONTACTS).command(), log)
+        call(replace(step, folder=folder / "study", what=replace(step.what, events=_CONTACTS)).command(), log)
         return {CONTACT: (time.monotonic() - began) / _CONTACTS}
     assert isinstance(step, Judge)
     kind = driver_kind(step)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from zebrat_bullet.comparison.manifest import Cell, Judgement, cells
+from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
@@ -103,22 +103,23 @@ class Collisions:
     """The study of which representation sees a contact."""
 
     folder: Path
-    events: int
+    what: Contacts
 
     @property
     def name(self) -> str:
         """Name of the step, unique."""
-        return f"collisions, {self.events} contacts"
+        return f"collisions, {self.what.events} contacts"
 
     def is_done(self) -> bool:
         """Return whether the study of at least so many contacts has left its last picture."""
         rows = read_rows(self.folder / CASES)
         base = [int(float(row["contacts"])) for row in rows if row["panel"] == "base"]
-        return bool(base) and min(base) >= self.events and is_file(self.folder / "sweeps.png")
+        return bool(base) and min(base) >= self.what.events and is_file(self.folder / "sweeps.png")
 
     def command(self) -> list[str]:
         """Return the study, which goes on from the drives that it has."""
-        return ["collisions", "--events", str(self.events), "--out", str(self.folder), "--no-video", "--quiet"]
+        how = ["--events", str(self.what.events), *self.what.options]
+        return ["collisions", *how, "--out", str(self.folder), "--no-video", "--quiet"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +217,7 @@ def steps(place: Place, ray: str | None = None) -> list[Step]:
     plan = place.plan
     made: list[Step] = []
     if plan.collisions:
-        made.append(Collisions(folder=place.out / f"collisions-{plan.collisions}", events=plan.collisions))
+        made.append(Collisions(folder=place.out / f"collisions-{plan.collisions.events}", what=plan.collisions))
     for name in _in_order(place):
         place.runs(name)  # a wrong setting is told before hours of driving
         for folder, sweep in place.sweeps(name).items():
