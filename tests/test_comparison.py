@@ -162,30 +162,30 @@ def test_a_manifest_that_cannot_be_meant_is_refused_by_the_name_of_what_is_wrong
     ],
 )
 def test_a_training_that_cannot_be_run_is_refused_before_anything_runs(
-    tiny: Path, wrong: str, instead: str, said: str, capsys: pytest.CaptureFixture[str]
+    tiny: Path, wrong: str, instead: str, said: str, capfd: pytest.CaptureFixture[str]
 ):
     path = tiny / "manifest.yaml"
     path.write_text(TINY.replace(wrong, instead, 1))
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out")]
     assert main(call) == 2
-    assert said in capsys.readouterr().err
+    assert said in capfd.readouterr().err
     assert not (tiny / "out" / "training").exists() and not (tiny / "out" / "judged").exists()
 
 
-def test_an_unknown_budget_or_step_is_refused_with_those_there_are(tiny: Path, capsys: pytest.CaptureFixture[str]):
+def test_an_unknown_budget_or_step_is_refused_with_those_there_are(tiny: Path, capfd: pytest.CaptureFixture[str]):
     call = ["reproduce", "--manifest", str(tiny / "manifest.yaml"), "--out", str(tiny / "out")]
     assert main([*call, "--budget", "some"]) == 2
-    assert "no budget 'some'; there are all, more" in capsys.readouterr().err
+    assert "no budget 'some'; there are all, more" in capfd.readouterr().err
     assert main([*call, "--budget", "all", "--only", "dance"]) == 2
-    assert "no step is called dance" in capsys.readouterr().err
+    assert "no step is called dance" in capfd.readouterr().err
 
 
-def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capfd: pytest.CaptureFixture[str]):
     path = tiny / "manifest.yaml"
     path.write_text(TINY.replace("agent: random", "agent: nobody"))
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
     assert main([*call, "--only", "judge"]) == 1
-    said = capsys.readouterr()
+    said = capfd.readouterr()
     failed = json.loads(said.out.splitlines()[-1])["failed"]
     assert set(failed) == {"judge learned/short-ddpg-ft/track_2", "judge random/nobody/track_2"}
     assert "'short' has no policy of ddpg under ft yet" in failed["judge learned/short-ddpg-ft/track_2"]

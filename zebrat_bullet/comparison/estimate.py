@@ -3,6 +3,7 @@
 import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from math import ceil
 
 from zebrat_bullet.comparison.gather import reached
 from zebrat_bullet.comparison.manifest import cells
