@@ -58,7 +58,7 @@ def driver_kind(step: Judge) -> str:
     """Return what judgements of the same speed have in common."""
     if step.cell.is_set and step.cell.sim == "planar":
         return A_SET
-    return (step.cell.agent.split(":")[0] or A_POLICY) if step.cell.agent else A_POLICY
+    return step.cell.agent or A_POLICY
 
 
 def _measured(place: Place, step: Step, folder: Path, known: dict[str, float]) -> dict[str, float]:
