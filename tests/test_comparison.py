@@ -218,8 +218,8 @@ def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
     here = place(tiny)
     planned: list[Step] = steps(here)
     said = forecast(here, planned, planned, SPEED)
-    # 8 episodes of 40 steps at most, at 50 steps a second, are 6.4 s.
-    assert "training short: 1 step, about 0.1 min" in said
+    # 8 episodes of 40 steps at most, at 50 steps a second, are 6.4 s; and 4 s until it begins.
+    assert "training short: 1 step, about 0.2 min" in said
     assert "1 of 2 seeds" in said
     slow = forecast(here, planned, planned, SPEED | {"train ddpg, PyBullet": 0.05})
     assert "training short: 1 step, about 107 min" in slow
