@@ -254,6 +254,10 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
             assert (ROOT / policy).is_file()
         if training.study == "scale":
             assert all(config.steps == 10_000_000 for config in here.runs(name).values()) or budget == "smoke"
+    if budget == "laptop":  # it judges nothing that it neither trains nor keeps
+        judged = {cell.training for cell in cells(here.manifest, budget)} - {""}
+        assert all(name in here.plan.trainings or here.manifest.trainings[name].policies for name in judged)
+        assert "finetuning-fomt" not in judged
     finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
     assert ("train paper-fomt" in finished) == (budget == "laptop")
 
