@@ -28,8 +28,8 @@ ORDER = [
         "planar",
         "deploy",
     ),
-    *("render", "envs", "agents", "evaluation", "detection", "training", "teleop", "play", "report", "bench"),
-    *("ros", "recording"),
+    *("render", "envs", "agents", "evaluation", "detection", "training", "comparison", "teleop", "play", "report"),
+    *("bench", "ros", "recording"),
     *("pytest_plugin", "cli"),
 ]
 ALLOWED = {
@@ -45,6 +45,7 @@ ALLOWED = {
         name: {"ros"}
         for name in ("rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "ackermann_msgs")
     },
+    "pyarrow": {"comparison"},
     "onnx": {"agents"},
     "onnxruntime": {"deploy"},
 }

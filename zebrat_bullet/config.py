@@ -338,6 +338,7 @@ class RewardConfig:
 REWARD_PRESETS = {
     "fomt": RewardConfig(),
     "fot": RewardConfig(weights={"F": 1.0, "O": 1.0, "T": 1.0}),
+    "fmt": RewardConfig(weights={"F": 1.0, "M": 1.0, "T": 1.0}),
     "ft": RewardConfig(weights={"F": 1.0, "T": 1.0}),
     "wg": RewardConfig(weights={"W": 100.0}),
     "wg_paper": RewardConfig(weights={"W": 100.0}),
