@@ -50,8 +50,9 @@ class Certificate:
             the margin is kept from 2 m of driving on.
         start_clearance_m: distance from the footprint to the walls where the path begins.
         shortest_m: no drive from the middle of the start range brings the lidar over the open-space line with less
-            driven by the rear axle, however often it reverses. It bounds the way of a disc about the axle that the
-            footprint holds; a car that cannot turn on the spot needs more, in sharp corners and U-turns most.
+            driven by the rear axle, however often it reverses. It bounds the way of discs that the footprint holds,
+            about the axle and ahead of it; a car that cannot turn on the spot needs more, in sharp corners and U-turns
+            most.
         least_time_s: `shortest_m` at full speed, from the first metre on.
     """
 
@@ -256,7 +257,7 @@ def _least_drive_m(
 
 
 def _radius_m(robot: RobotModel, part: float) -> float:
-    """Return the radius of the largest disc that the footprint holds about a part of the straight from axle to lidar."""
+    """Return the radius of the largest disc in the footprint about a part of the straight from axle to lidar."""
     axle = np.array([robot.rear_axle_x_m, 0.0])
     return inscribed_radius_m(robot.footprint_base, axle + part * (robot.lidar_xyz_base[:2] - axle))
 
