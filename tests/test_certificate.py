@@ -10,10 +10,12 @@ import pytest
 import shapely
 
 from zebrat_bullet.assets import list_assets
+from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import ConfigError, PlanError, WorldError
-from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, outlines
+from zebrat_bullet.planning.arc_path import ArcPath, along_arc, axle_pose, outlines
 from zebrat_bullet.planning.certificate import (
     Certificate,
+    _shortest_m,
     check_certificate,
     guaranteed_clearance_m,
     load_certificate,
@@ -187,6 +189,63 @@ def test_no_drive_beats_the_lower_bound_forward_or_backward(robot: RobotModel) -
     for world in [*shipped, backward, corner(0.9), *generate_tracks(range(70, 74), robot=robot)]:
         made = certify(world, robot)
         assert made.shortest_m <= driven_to_the_line_m(world, made) <= 1.4 * made.shortest_m
+
+
+@pytest.mark.parametrize(("line", "last"), [([(5.0, 2.0), (0.0, 2.0)], 0.0), ([(-2.0, 4.0), (-2.0, 0.5)], np.pi / 2)])
+def test_the_bound_round_the_tip_of_a_wall_is_what_one_works_out_by_hand(line, last, world, robot) -> None:
+    # The wall ends at the origin; the car comes from the lower left, rear axle at (-2.271, -0.6), and goes up (a right
+    # angle) or back to the left above the wall (a U-turn). Points 0 and 0.0734 m ahead of the axle have discs of 0.229
+    # and 0.3 m about them; the second moves faster than the axle, most on the circle of 0.56 m / tan(0.6).
+    thin = shapely.MultiPolygon([shapely.box(-9.0, -1e-4, 0.0, 1e-4)])
+    start = replace(world.start, pose=Pose2(-2.0, -0.6, 0.0))
+    found = _shortest_m(replace(world, walls=thin, start=start), robot, np.array(line), PhysicsConfig())
+    bounds = []
+    for ahead, radius in [(0.0, 0.229), (7 / 64 * 0.671, 0.3)]:
+        x, y = -2.271 + ahead, -0.6
+        away = np.hypot(x, y)
+        tangent = np.sqrt(away**2 - radius**2)
+        arc = radius * (last - np.arctan2(y, x) - np.arccos(radius / away))
+        driven = tangent + arc + 2.0 - (0.671 - ahead)
+        bounds.append(driven / np.hypot(1.0, ahead * np.tan(0.6) / 0.56))
+    assert bounds[0] < bounds[1] - 0.05
+    assert bounds[1] - 0.01 < found <= bounds[1] + 1e-3
+
+
+def random_drive(rng: np.random.Generator, most: float) -> ArcPath:
+    """Return a drive from the origin of 2 to 6 arcs, each forward or backward, the last forward."""
+    n = int(rng.integers(2, 7))
+    directions = np.where(rng.random(n) < 0.3, -1, 1)
+    directions[-1] = 1
+    poses = [np.zeros(3)]
+    for direction in directions:
+        length, curvature = rng.uniform(0.2, 1.5), most * float(np.clip(rng.uniform(-1.5, 1.5), -1.0, 1.0))
+        poses.append(along_arc(poses[-1], np.array([direction * length]), direction * length * curvature)[0])
+    return ArcPath(np.array(poses), directions)
+
+
+def test_no_random_drive_through_a_tube_made_to_measure_beats_the_bound(world: World, robot: RobotModel) -> None:
+    rng, least, n = np.random.default_rng(0), [], 0
+    while n < 40:
+        path = random_drive(rng, np.tan(0.6) / robot.wheelbase_m)
+        poses, _ = path.sample(0.1)
+        lidars = poses[:, :2] + 0.671 * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+        ahead = np.array([np.cos(poses[-1, 2]), np.sin(poses[-1, 2])])
+        line = lidars[-1] + np.outer([-1.0, 1.0], 0.6 * np.array([-ahead[1], ahead[0]]))
+        beyond = shapely.Polygon([*line, *(line[::-1] + 0.6 * ahead)])
+        if shapely.LineString(lidars[:-1]).distance(shapely.LineString(line)) < 0.01:
+            continue  # an earlier crossing, perhaps from outside
+        gap = rng.uniform(0.01, 0.1)
+        tube = shapely.union_all(outlines(poses, robot)).buffer(gap, join_style="mitre").simplify(0.004)
+        walls = shapely.MultiPolygon(
+            shapely.get_parts(tube.buffer(0.3, join_style="mitre").difference(tube).difference(beyond)).tolist()
+        )
+        start = replace(world.start, pose=Pose2(-robot.rear_axle_x_m, 0.0, 0.0))
+        made = replace(world, walls=walls, start=start)
+        bound, driven = _shortest_m(made, robot, line, PhysicsConfig()), float(path.lengths_m.sum())
+        assert bound <= driven + 1e-6
+        least.append(bound / driven)
+        n += 1
+    assert np.quantile(least, 0.9) > 0.95  # the tubes are narrow enough for a bound that is too long to be noticed
 
 
 def moved(certificate: Certificate, i: int, dx: float = 0.0, dyaw: float = 0.0) -> tuple:

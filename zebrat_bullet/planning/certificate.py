@@ -26,8 +26,8 @@ CLOSELY_M = 1e-4
 """How closely the clearance of a path is known."""
 # Its first samples.
 _SAMPLE_M = 0.1
-# How finely the straight from axle to lidar is divided.
-_STRAIGHT_PARTS = 64
+# Points of the straight from axle to lidar.
+_PARTS = np.linspace(0.0, 1.0, 65).tolist()
 # Poses are written to a micrometre; a path may be beside its arcs, and the bound be off, by what that rounds.
 _DIGITS = 6
 _TOLERANCE = 1e-5
@@ -50,8 +50,9 @@ class Certificate:
             the margin is kept from 2 m of driving on.
         start_clearance_m: distance from the footprint to the walls where the path begins.
         shortest_m: no drive from the middle of the start range brings the lidar over the open-space line with less
-            driven by the rear axle, however often it reverses. It bounds the way of a disc about the axle that the
-            footprint holds; a car that cannot turn on the spot needs more, in sharp corners and U-turns most.
+            driven by the rear axle, however often it reverses. It bounds the way of discs that the footprint holds,
+            about the axle and ahead of it; a car that cannot turn on the spot needs more, in sharp corners and U-turns
+            most.
         least_time_s: `shortest_m` at full speed, from the first metre on.
     """
 
@@ -74,7 +75,7 @@ def certificate_of(found: ArcPath, world: World, robot: RobotModel, physics: Phy
         PlanError: it is none; the message says why.
         WorldError: the world declares no exit.
     """
-    shortest = _shortest_m(world, robot, open_line_of(world))
+    shortest = _shortest_m(world, robot, open_line_of(world), physics)
     path = ArcPath(found.poses_world.round(_DIGITS), found.directions)
     clearance = guaranteed_clearance_m(path, world.walls, robot)
     certificate = Certificate(
@@ -102,8 +103,9 @@ def check_certificate(
         PlanError: it does not; the message says what is wrong.
         WorldError: the world declares no exit.
     """
-    shortest = _shortest_m(world, robot, open_line_of(world))
-    _check(world, robot, certificate, physics or PhysicsConfig(), shortest)
+    physics = physics or PhysicsConfig()
+    shortest = _shortest_m(world, robot, open_line_of(world), physics)
+    _check(world, robot, certificate, physics, shortest)
 
 
 def guaranteed_clearance_m(path: ArcPath, walls: shapely.MultiPolygon, robot: RobotModel) -> float:
@@ -214,28 +216,50 @@ def _start_clearance_m(path: ArcPath, world: World, robot: RobotModel) -> float:
     return math.floor(float(clearances(path.poses_world[:1], robot, world.walls)[0]) * 1e4) / 1e4
 
 
-def _shortest_m(world: World, robot: RobotModel, open_line: NDArray[np.float64]) -> float:
+def _shortest_m(world: World, robot: RobotModel, open_line: NDArray[np.float64], physics: PhysicsConfig) -> float:
     """Return a lower bound for how far the rear axle must drive before the lidar is over the line.
 
-    The footprint holds a disc about the axle, and about every point of the straight from the axle towards the lidar as
-    far as that lies deep enough inside. The axle's way and this straight together are a way of that disc, however often
-    the car reverses; it ends short of the line by the rest of the straight, and so crosses the line drawn that much
-    nearer.
+    The best of what holds for two points of the straight from axle to lidar: the axle itself, and the nearest point to
+    it about which the footprint holds the largest disc.
     """
-    lidar, axle = robot.lidar_xyz_base[:2], np.array([robot.rear_axle_x_m, 0.0])
-    radius = inscribed_radius_m(robot.footprint_base, axle)
-    part = next(
-        part
-        for part in np.linspace(1.0, 0.0, _STRAIGHT_PARTS + 1)
-        if inscribed_radius_m(robot.footprint_base, axle + part * (lidar - axle)) >= radius - 1e-9
-    )
-    straight = math.dist(lidar, axle)
+    radii = [_radius_m(robot, part) for part in _PARTS]
+    widest = int(np.argmax(np.array(radii) >= max(radii) - 1e-9))
+    return max(_least_drive_m(world, robot, open_line, physics, radii, first) for first in sorted({0, widest}))
+
+
+def _least_drive_m(
+    world: World,
+    robot: RobotModel,
+    open_line: NDArray[np.float64],
+    physics: PhysicsConfig,
+    radii: Sequence[float],
+    first: int,
+) -> float:
+    """Return the lower bound that follows from the disc about the `first` of the parts of the straight axle to lidar.
+
+    The footprint holds this disc about every point of the straight from the first towards the lidar as far as that
+    lies deep enough inside. The first point's way and this straight together are a way of that disc, however often the
+    car reverses; it ends short of the line by the rest of the straight, and so crosses the line drawn that much nearer.
+    The first point moves faster than the axle, but by no more than in the tightest turn.
+    """
+    lidar = robot.lidar_xyz_base[:2] - (robot.rear_axle_x_m, 0.0)
+    last = max(k for k in range(first, len(_PARTS)) if min(radii[first : k + 1]) >= radii[first] - 1e-9)
+    swept, short = (_PARTS[last] - _PARTS[first]) * np.hypot(*lidar), (1.0 - _PARTS[last]) * np.hypot(*lidar)
     along = (open_line[1] - open_line[0]) / math.dist(*open_line)
     # The way out is to the right of the line. Its ends stand at walls; drawn nearer, it may have further to go to them.
-    nearer = open_line + (1.0 - part) * straight * np.array([-along[1], along[0]])
-    nearer = nearer + np.outer([-1.0, 1.0], radius * along)
-    to_line = shortest_length_m(world.walls, axle_pose(world.start.pose, robot)[:2], nearer, radius)
-    return max(0.0, to_line - part * straight)
+    nearer = open_line + short * np.array([-along[1], along[0]])
+    nearer = nearer + np.outer([-1.0, 1.0], radii[first] * along)
+    axle, point = axle_pose(world.start.pose, robot), _PARTS[first] * lidar
+    start = axle[:2] + rotation_2d(axle[2]) @ point
+    curvature = math.tan(physics.max_steering_rad) / robot.wheelbase_m
+    faster = math.hypot(1.0 + curvature * abs(point[1]), curvature * point[0])
+    return max(0.0, (shortest_length_m(world.walls, start, nearer, radii[first]) - float(swept)) / faster)
+
+
+def _radius_m(robot: RobotModel, part: float) -> float:
+    """Return the radius of the largest disc in the footprint about a part of the straight from axle to lidar."""
+    axle = np.array([robot.rear_axle_x_m, 0.0])
+    return inscribed_radius_m(robot.footprint_base, axle + part * (robot.lidar_xyz_base[:2] - axle))
 
 
 def _in_start_range(world: World, robot: RobotModel, axle: Sequence[float] | NDArray[np.float64]) -> bool:

@@ -39,7 +39,8 @@ def shortest_length_m(
     open_ = ~shapely.intersects(seen_through, sights)
     lengths = sparse.coo_matrix((shapely.length(sights[open_]), (i[open_], j[open_])), shape=(len(points), len(points)))
     to_corner = csgraph.dijkstra(lengths.tocsr(), directed=False, indices=0)
-    target = shapely.LineString(line).difference(seen_through)
+    # Not a hair more of the line: of the straight to a point inside a grown wall, another wall may be in the way.
+    target = shapely.LineString(line).difference(grown)
     if target.is_empty:
         return np.inf
     shortest = np.inf
