@@ -14,6 +14,7 @@ from zebrat_bullet import __version__
 from zebrat_bullet.cli import (
     bench,
     collisions,
+    comparison,
     curves,
     driving,
     export,
@@ -137,6 +138,7 @@ def make_parser() -> argparse.ArgumentParser:
         recording,
         ros,
         collisions,
+        comparison,
     ):
         commands_of_a_kind.add(command)
     return parser
