@@ -84,8 +84,9 @@ def atlas_card(
 ) -> Card:
     """Return a group's card: its first drive is the one whose way is drawn, and that the command drives again."""
     picture = draw_place(world, footprint, group.at, group.drives, way)
+    x, y = (round(value, 1) + 0.0 for value in group.at)  # no -0.0
     words = group.outcome.replace("_", " ")
-    title = f"{len(group.drives)} × {words} at ({group.at[0]:.1f}, {group.at[1]:.1f}) m"
+    title = f"{len(group.drives)} × {words} at ({x:.1f}, {y:.1f}) m"
     return Card(
         Picture(f"failure_{group.place}_{number:02d}", picture, f"{group.place}: {title}"),
         title,

@@ -61,7 +61,7 @@ CLAIMS = (
         "IV-C, Fig. 6a",
         "highest, alone or shared, in more than 4 of 8 tracks: upheld; beaten in at least 4 (paired test, Holm): not "
         "upheld",
-        leads(OURS, _RIVALS, TRACKS),
+        leads(OURS, _RIVALS, TRACKS, needed=("RL_FT", "RL_FOT")),
     ),
     Claim(
         "... with a lower time cost",

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal["", "good", "bad", "open", "missing", "number"]
@@ -34,6 +34,8 @@ class Grid:
     head: tuple[str, ...]
     rows: tuple[Row, ...]
     caption: str = ""
+    wordy: bool = False
+    """Cells are sentences: they wrap, and on a phone each row is a block."""
 
     def cells(self) -> list[list[Cell]]:
         """Return the rows with every cell as a `Cell`."""
@@ -94,7 +96,7 @@ class Section:
     title: str
     blocks: tuple[Block, ...] = ()
     parts: tuple["Section", ...] = ()
-    folded: bool = field(default=False)
+    folded: bool = False
     """Whether a browser shows it only when it is asked for."""
 
     @property

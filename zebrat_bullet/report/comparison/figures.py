@@ -44,7 +44,6 @@ def sheet(n_rows: int, n_columns: int, height_inch: float) -> tuple[Figure, np.n
     for axes in panels.flat:
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
-        axes.title.set_fontsize(9)
     return figure, panels
 
 
@@ -81,6 +80,8 @@ def draw_bands(bands: Mapping[str, Band], x_label: str, y_label: str) -> bytes:
         axes.fill_between(at.x, at.low, at.high, color=colour, alpha=0.08, linewidth=0)
         axes.fill_between(at.x, at.mean - at.std, at.mean + at.std, color=colour, alpha=0.2, linewidth=0)
     axes.set(xlabel=x_label, ylabel=y_label)
+    if "success" in y_label:
+        axes.set_ylim(-0.03, 1.03)
     axes.grid(alpha=0.25)
     axes.legend(frameon=False, fontsize=8)
     return as_svg(figure)
@@ -99,7 +100,8 @@ def draw_outcomes(parts: Mapping[str, Mapping[str, Sequence[Drive]]], n_columns:
                 _stack(axes, row, drives)
             else:
                 axes.barh(row, 1.0, 0.7, color="white", edgecolor=_NONE, hatch="////", linewidth=0)
-        axes.set(title=place, xlim=(0.0, 1.0), ylim=(len(methods) - 0.5, -0.5))
+        axes.set_title(place, fontsize=9)
+        axes.set(xlim=(0.0, 1.0), ylim=(len(methods) - 0.5, -0.5))
         axes.set_yticks(range(len(methods)), methods if i % n_columns == 0 else [""] * len(methods))
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "50", "100 %"])
         axes.tick_params(axis="y", length=0)
@@ -176,6 +178,7 @@ def draw_spreads(measures: Mapping[str, Mapping[str, Sequence[float]]]) -> bytes
                 manage_ticks=False,
             )
         axes.set_yticks(range(len(methods)), methods)
-        axes.set(ylim=(len(methods) - 0.5, -0.5), title=measure)
+        axes.set_title(measure, fontsize=9)
+        axes.set(ylim=(len(methods) - 0.5, -0.5))
         axes.grid(alpha=0.25, axis="x")
     return as_svg(figure)

@@ -6,7 +6,7 @@ from importlib.resources import files
 
 from markdown_it import MarkdownIt
 
-from zebrat_bullet.report.comparison.document import Block, Card, Cards, Document, Grid, Picture, Section, Text
+from zebrat_bullet.report.comparison.document import Block, Card, Cards, Cell, Document, Grid, Picture, Section, Text
 
 # Raw HTML stays text and an image is not shown: either could fetch something.
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
@@ -28,7 +28,7 @@ def write_html(document: Document) -> str:
 
 
 def _entry(section: Section) -> str:
-    parts = "".join(_entry(part) for part in section.parts)
+    parts = "".join(_entry(part) for part in section.parts if not part.folded)
     below = f"<ol>{parts}</ol>" if parts else ""
     return f'<li><a href="#{section.anchor}">{escape(section.title)}</a>{below}</li>\n'
 
@@ -57,12 +57,18 @@ def _grid(grid: Grid) -> str:
     head = "".join(f'<th scope="col">{_MARKDOWN.renderInline(text)}</th>' for text in grid.head)
     rows = []
     for first, *rest in grid.cells():
-        cells = "".join(
-            f"<td{f' class={cell.kind}' if cell.kind else ''}>{_MARKDOWN.renderInline(cell.text)}</td>" for cell in rest
-        )
+        cells = "".join(map(_cell, rest, grid.head[1:]))
         rows.append(f'<tr><th scope="row">{_MARKDOWN.renderInline(first.text)}</th>{cells}</tr>\n')
     table = f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table>"
-    return f'<figure class="grid"><div class="wide" tabindex="0">{table}</div>{_caption(grid.caption)}</figure>\n'
+    wordy = " wordy" if grid.wordy else ""
+    return (
+        f'<figure class="grid{wordy}"><div class="wide" tabindex="0">{table}</div>{_caption(grid.caption)}</figure>\n'
+    )
+
+
+def _cell(cell: Cell, head: str) -> str:
+    kind = f' class="{cell.kind}"' if cell.kind else ""
+    return f'<td{kind} data-head="{escape(head)}">{_MARKDOWN.renderInline(cell.text)}</td>'
 
 
 def _caption(text: str) -> str:

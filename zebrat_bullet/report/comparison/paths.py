@@ -14,7 +14,7 @@ from zebrat_bullet.report.track_figure import draw_track
 from zebrat_bullet.world import World
 
 _DPI = 130
-_COLOURS = 64
+_COLOURS = 256
 _ROOM_M = 0.6
 
 
@@ -44,12 +44,14 @@ def draw_ways(world: World, footprint: NDArray[np.float64], drives: Mapping[str,
                     axes.plot(*way[-1], "x", color=colour, markersize=4, markeredgewidth=1.2, zorder=7)
         won = sum(drive.success for drive, _ in of_method)
         axes.set(xlim=(low_x - _ROOM_M, high_x + _ROOM_M), ylim=(low_y - _ROOM_M, high_y + _ROOM_M), aspect="equal")
-        axes.set_title(f"{method}: {won} of {len(of_method)}")
+        axes.set_title(f"{method}: {won} of {len(of_method)}", fontsize=9)
     handles = [Line2D([], [], color=colour, label=name) for name, colour in OUTCOMES.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     out, small = BytesIO(), BytesIO()
     figure.savefig(out, format="png", dpi=_DPI, metadata={"Software": None})
     out.seek(0)
     with Image.open(out) as image:  # few colours: a third of the size
-        image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(small, format="PNG", optimize=True)
+        image.convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            small, format="PNG", optimize=True
+        )
     return small.getvalue()

@@ -33,9 +33,10 @@ class Finding:
 
     verdict: Verdict
     evidence: str
+    driven: bool = True
 
 
-NOT_DRIVEN = Finding(Verdict.UNDECIDED, "not driven")
+NOT_DRIVEN = Finding(Verdict.UNDECIDED, "not driven", driven=False)
 Rule = Callable[[Evidence, Scope], Finding]
 
 
@@ -50,7 +51,8 @@ def weakest(findings: Sequence[Finding]) -> Finding:
     """Return what holds of all: upheld if all are, not upheld if any is not."""
     verdicts = [each.verdict for each in findings]
     found = next((v for v in (Verdict.NOT_UPHELD, Verdict.UNDECIDED) if v in verdicts), Verdict.UPHELD)
-    return Finding(found, ". ".join(dict.fromkeys(each.evidence for each in findings)))
+    said = ". ".join(dict.fromkeys(each.evidence for each in findings))
+    return Finding(found, said, any(each.driven for each in findings))
 
 
 def more(
@@ -61,7 +63,8 @@ def more(
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         compared = evidence.compare(scope, a, b, places, what)
         if compared is None:
-            return NOT_DRIVEN
+            missing = [name for name in (a, b) if not evidence.pool(scope, name, places)]
+            return Finding(Verdict.UNDECIDED, f"{' and '.join(missing)} not driven", driven=False)
         at, said = compared
         points = f"{100 * at.value:+.0f} points, {100 * at.low:+.0f} to {100 * at.high:+.0f}"
         return Finding(of_difference(at), f"{word}: {said}; {points}")
@@ -90,18 +93,18 @@ def often_fails(method: str, places: Sequence[str]) -> Rule:
     return rule
 
 
-def leads(method: str, rivals: Sequence[str], places: Sequence[str]) -> Rule:
+def leads(method: str, rivals: Sequence[str], places: Sequence[str], needed: Sequence[str] = ()) -> Rule:
     """Return the rule that a method's success is the highest in most worlds.
 
     A world is for it where nobody's success is higher, and against it where somebody's is by the paired test, corrected
-    over all pairs of rival and world.
+    over all pairs of rival and world. At scale only rivals that were driven count, but those `needed` always.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         drives = {(name, at): evidence.shown(scope, name, at) for name in (method, *rivals) for at in places}
         who = rivals
         if scope == "scale":  # what nobody trained at that budget is no gap
-            who = [name for name in rivals if any(drives[name, at] for at in places)]
+            who = [name for name in rivals if name in needed or any(drives[name, at] for at in places)]
         pairs = [(name, at) for name in who for at in places if drives[name, at] and drives[method, at]]
         if not pairs:
             return NOT_DRIVEN

@@ -31,18 +31,18 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
                 "bootstrap intervals. The rules are code and see the tables only; verdicts change when the tables do. "
                 "Place names are those of the paper's sections and figures."
             ),
-            Grid(("claim", "what is compared"), rules),
+            Grid(("claim", "what is compared"), rules, wordy=True),
         ),
         folded=True,
     )
     paper, scale = (_sum(findings) for findings in zip(*found, strict=True))
     lead = f"At the paper's budget: {paper}. At scale and with fairer rivals: {scale}."
-    return Section(TITLE, (Text(lead), Grid(head, rows)), (how,)), lead
+    return Section(TITLE, (Text(lead), Grid(head, rows, wordy=True)), (how,)), lead
 
 
 def _cells(finding: Finding) -> tuple[Cell, str]:
-    if finding.evidence == "not driven":
-        return Cell("undecided", "missing"), "not driven"
+    if not finding.driven:
+        return Cell("undecided", "missing"), finding.evidence
     return Cell(str(finding.verdict), _KINDS[finding.verdict]), finding.evidence
 
 

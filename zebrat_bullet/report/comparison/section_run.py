@@ -3,7 +3,7 @@
 from collections import defaultdict
 from typing import Any
 
-from zebrat_bullet.report.comparison.document import Cell, Grid, Row, Section, Text
+from zebrat_bullet.report.comparison.document import Cell, Grid, Kind, Row, Section, Text
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.settings import Asked
 
@@ -12,7 +12,7 @@ STUDIES = {
     "scale": "ours",
     "paper-at-scale": "the paper's algorithms, longer",
     "finetuning": "fine-tuning",
-    "rivals": "rivals",
+    "rivals": "planners and imitators",
 }
 _MOST_NAMED = 6
 
@@ -21,13 +21,32 @@ def run_section(evidence: Evidence, asked: dict[tuple[str, str, str, str, str], 
     """Return the section."""
     return Section(
         "What was run",
+        (Text(_sum(evidence, asked)),),
         (
-            Text(
-                "A run is the training of one seed. What is missing is marked here and in every table, never filled in."
-            ),
+            Section("Every training", (_trainings(evidence),), folded=True),
+            Section("Every judgement", (_judgements(asked),), folded=True),
         ),
-        (Section("Trainings", (_trainings(evidence),)), Section("Judgements", (_judgements(asked),))),
     )
+
+
+def _sum(evidence: Evidence, asked: dict[tuple[str, str, str, str, str], Asked]) -> str:
+    said = (
+        "A run is the training of one seed; a cell is one policy or planner in one place, a world or a held-out set. "
+        "What is missing is marked in the tables, never filled in."
+    )
+    lines = []
+    for study, title in STUDIES.items():
+        states = [run["state"] for run in evidence.runs if run["study"] == study]
+        at = [each for key, each in asked.items() if key[0] == study]
+        n, n_missing = sum(len(each.cells) for each in at), sum(len(each.missing) for each in at)
+        runs = f"{states.count('complete')} of {len(states)} runs complete, {states.count('partial')} begun; "
+        lines.append(f"- **{title}**: {runs if states else ''}{n - n_missing} of {n} cells driven")
+    hours = sum(run["wall_s"] or 0.0 for run in evidence.runs) / 3600.0
+    n_held_out = sum(row["n"] for row in evidence.held_out)
+    counted = (
+        f"{len(evidence.drives):,} episodes in worlds, {n_held_out:,} on held-out tracks; {hours:,.0f} h of training."
+    )
+    return "\n".join([said, "", *lines, "", counted])
 
 
 def _trainings(evidence: Evidence) -> Grid:
@@ -38,7 +57,7 @@ def _trainings(evidence: Evidence) -> Grid:
     for (study, algorithm, reward, variant, asked), runs in sorted(groups.items(), key=lambda item: _order(item[0])):
         done = [run for run in runs if run["state"] == "complete"]
         begun = [run for run in runs if run["state"] == "partial"]
-        kind = "good" if len(done) == len(runs) else "open" if done or begun else "missing"
+        kind: Kind = "good" if len(done) == len(runs) else "open" if done or begun else "missing"
         said = f"{len(done)} of {len(runs)}" + (f", {len(begun)} begun" if begun else "")
         name = f"{algorithm} {reward.upper()}{f', {variant}' if variant else ''}"
         numbers = (_span(runs, "episodes"), _span(runs, "steps"), f"{sum(r['wall_s'] or 0.0 for r in runs) / 3600:.1f}")
@@ -64,7 +83,7 @@ def _judgements(asked: dict[tuple[str, str, str, str, str], Asked]) -> Grid:
     rows: list[Row] = []
     for (study, method, setting, noise, sim), at in sorted(asked.items(), key=lambda item: _order(item[0])):
         n, n_missing = len(at.cells), len(at.missing)
-        kind = "good" if not n_missing else "missing" if n_missing == n else "open"
+        kind: Kind = "good" if not n_missing else "missing" if n_missing == n else "open"
         places = list(dict.fromkeys(cell.place for cell in at.missing))
         named = ", ".join(places[:_MOST_NAMED]) + (
             f" and {len(places) - _MOST_NAMED} more" if len(places) > _MOST_NAMED else ""
@@ -74,4 +93,4 @@ def _judgements(asked: dict[tuple[str, str, str, str, str], Asked]) -> Grid:
             (STUDIES.get(study, study), method, words or "-", sim, Cell(f"{n - n_missing} of {n}", kind), named or "-")
         )
     head = ("budget", "method", "setting", "simulator", "cells driven", "not driven")
-    return Grid(head, tuple(rows), "A cell is one place for one policy: a world, or a held-out set.")
+    return Grid(head, tuple(rows))

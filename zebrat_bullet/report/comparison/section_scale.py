@@ -156,20 +156,14 @@ def _longer(evidence: Evidence) -> list[Block]:
     for drive in evidence.drives:
         if drive.study == "paper-at-scale" and drive.place in TRACKS:
             tracks[drive.run].append(drive)
-    order = sorted(lengths, key=lambda asked: (lengths[asked], asked))
     rows: list[Row] = []
     for (algorithm, reward), of_length in sorted(runs.items()):
-        cells: list[Cell] = []
-        for asked in order:
+        for asked in sorted(of_length, key=lambda asked: (lengths[asked], asked)):
             at = [run["best_success"] for run in of_length[asked] if run["best_success"] is not None]
             judged = [drive for run in of_length[asked] for drive in tracks[run["run"]]]
-            cells += [_seeds_cell(at), _share(judged)]
-        rows.append((f"{algorithm} {reward.upper()}", *cells))
-    head = ("set", *(text for asked in order for text in (f"{asked}: own evaluations", "Tracks 1-8, best seed")))
-    return [
-        Grid(
-            head,
-            tuple(rows),
-            "Own evaluations: best policy of a run, mean over seeds and in brackets least to greatest.",
-        )
-    ]
+            done = sum(run["state"] == "complete" for run in of_length[asked])
+            name = f"{algorithm.upper()} {reward.upper()}"
+            rows.append((name, asked, f"{done} of {len(of_length[asked])}", _seeds_cell(at), _share(judged)))
+    head = ("set", "asked for", "seeds complete", "success in own evaluations", "Tracks 1-8, best seed")
+    caption = "Own evaluations: best policy of a run, mean over seeds and in brackets least to greatest."
+    return [Grid(head, tuple(rows), caption)]

@@ -47,14 +47,35 @@ def curve_section(evidence: Evidence) -> Section:
         "line mean, dark band standard deviation, light band least to greatest, both only where all seeds have a value."
     )
     blocks: list[Block] = [said]
-    for name, title, column, keep, label in (
-        ("curve_algorithms", "Best return in 20 episodes, F O M T", "best_return", _fomt, "algorithm"),
-        ("curve_rewards", "Success in noise-free evaluations, DDPG", "success", _ddpg, "reward"),
-        ("curve_finetuning", "Success while fine-tuning", "success", _finetuning, "variant"),
+    for name, title, axis, column, keep, label in (
+        (
+            "curve_algorithms",
+            "Best return in 20 episodes, F O M T",
+            "best return in 20 episodes",
+            "best_return",
+            _fomt,
+            "algorithm",
+        ),
+        (
+            "curve_rewards",
+            "Success in noise-free evaluations, DDPG",
+            "success in evaluations",
+            "success",
+            _ddpg,
+            "reward",
+        ),
+        (
+            "curve_finetuning",
+            "Success in noise-free evaluations while fine-tuning",
+            "success in evaluations",
+            "success",
+            _finetuning,
+            "variant",
+        ),
     ):
         bands = learning_bands(evidence, column, keep, label)
         if bands:
-            drawn = draw_bands(bands, "episode", title.lower())
+            drawn = draw_bands(bands, "episode", axis)
             blocks.append(Picture(name, drawn, title, title))
     return Section("Training", tuple(blocks if len(blocks) > 1 else [*blocks, NOT_DRIVEN]), (_reached(evidence),))
 
@@ -82,7 +103,7 @@ def learning_bands(
     groups: dict[str, list[np.ndarray]] = defaultdict(list)
     for run in evidence.runs:
         if keep(run) and rows[run["run"]]:
-            name = run[label] if label != "variant" else f"{run['reward'].upper()} {run['variant'] or 'plain'}"
+            name = run[label] if label != "variant" else f"{run['reward']} {run['variant'] or ''}".strip()
             groups[name.upper()].append(np.array(sorted(rows[run["run"]])))
     if not groups:
         return {}

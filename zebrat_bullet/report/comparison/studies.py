@@ -84,11 +84,15 @@ def highest_return(algorithm: str) -> Rule:
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         found = last_returns(evidence, "paper" if scope == "paper" else "paper-at-scale", "fomt")
+        if not found:
+            return NOT_DRIVEN
         rivals = sorted(set(found) - {algorithm})
         means = {name: sum(values) / len(values) for name, values in found.items()}
-        said = "; ".join(f"{n} {means[n]:.0f} ({len(found[n])} seeds)" for n in sorted(means, key=lambda n: -means[n]))
+        said = "; ".join(
+            f"{n.upper()} {means[n]:.0f} ({len(found[n])} seeds)" for n in sorted(means, key=lambda n: -means[n])
+        )
         if algorithm not in found or not rivals:
-            return Finding(Verdict.UNDECIDED, said or "not driven")
+            return Finding(Verdict.UNDECIDED, said)
         if min(len(values) for values in found.values()) < ENOUGH_SEEDS:
             return Finding(Verdict.UNDECIDED, f"{said}: fewer than {ENOUGH_SEEDS} seeds")
         differences = [seeds_difference(found[algorithm], found[name]) for name in rivals]
