@@ -15,7 +15,7 @@ from zebrat_bullet.config_text import to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.generated import judge_generated
-from zebrat_bullet.training.presets import TRAIN_PRESETS
+from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, PPOConfig, TrainConfig
 from zebrat_bullet.world import HELD_OUT_SEED, World
@@ -69,6 +69,29 @@ def test_a_killed_run_ends_in_the_same_weights(finished: Path, tmp_path: Path):
     assert once.keys() == twice.keys()
     for name, values in once.items():
         assert np.array_equal(values, twice[name]), name
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "sac"])
+def test_a_learner_with_a_replay_learns_while_the_cars_drive_and_ends_in_the_same_weights_when_killed(
+    algo: str, tmp_path: Path
+):
+    learner = replace(ALGORITHMS[algo], hidden=(16,), batch_size=16, buffer_size=4096, warmup_steps=32)
+    config = tiny()
+    config = replace(config, learner=learner, planar=replace(config.planar, gradient_steps=2))
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    train(config, whole)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, killed, dying(4))
+    resume(killed)
+    networks = {
+        name: load_file(run / "checkpoint" / "networks.safetensors")
+        for name, run in (("whole", whole), ("killed", killed))
+    }
+    learner_state = json.loads((whole / "checkpoint" / "state.json").read_text())["learner"]
+    # Two gradient steps for each step of the 16 cars, but for the first three: the replay is empty, then too young.
+    assert learner_state["_n_updates"] == 2 * (learner_state["num_timesteps"] // 16 - 3)
+    assert networks["whole"].keys() == networks["killed"].keys()
+    assert all(np.array_equal(value, networks["killed"][name]) for name, value in networks["whole"].items())
 
 
 def test_a_policy_of_a_run_drives_in_bullet_and_on_generated_tracks(finished: Path):

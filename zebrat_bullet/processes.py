@@ -1,10 +1,12 @@
 """The same work on one thing after another, spread over processes and answered in order."""
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 from typing import TypeVar
 
 from zebrat_bullet.errors import ConfigError
@@ -35,8 +37,20 @@ def in_order(work: Callable[[T], R], things: Iterable[T], workers: int, batch: i
     return map(work, things) if workers == 1 else _in_processes(work, iter(things), workers, batch)
 
 
+def end_with_parent() -> None:
+    """Let a process of a pool end when the one that waits for it is gone: a pool that is killed leaves none behind."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_outlive, args=(parent.join,), daemon=True).start()
+
+
+def _outlive(wait: Callable[[], None]) -> None:
+    wait()
+    os._exit(1)
+
+
 def _in_processes(work: Callable[[T], R], things: Iterator[T], workers: int, batch: int) -> Iterator[R]:
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent) as pool:
         waiting: deque[Future[list[R]]] = deque()
         try:
             while some := list(islice(things, batch)):

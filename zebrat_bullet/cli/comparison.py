@@ -1,11 +1,70 @@
-"""The command that writes the report on the comparison."""
+"""The commands of the paper's comparison: run it, report on it."""
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from zebrat_bullet.cli.common import AddCommand, Result
+from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note
+from zebrat_bullet.errors import ConfigError
 
+if TYPE_CHECKING:
+    from zebrat_bullet.comparison.steps import Step
+
+_SHOWN = 5
 _RECORDS = Path("docs") / "results" / "comparison"
+
+
+def reproduce(arguments: argparse.Namespace) -> Result:
+    """Run the paper's comparison at a budget, or go on with it: trainings, judgements, tables. A kill loses a cell."""
+    from zebrat_bullet.comparison.estimate import forecast
+    from zebrat_bullet.comparison.gather import gather
+    from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
+    from zebrat_bullet.comparison.measure import measure
+    from zebrat_bullet.comparison.policies import OUT, Place
+    from zebrat_bullet.comparison.run import run_steps
+    from zebrat_bullet.comparison.steps import steps
+    from zebrat_bullet.comparison.tables import read_tables, write_tables
+
+    manifest = read_manifest(arguments.manifest or SHIPPED)
+    out = (arguments.out or OUT).resolve()
+    place = Place(manifest=manifest, budget=arguments.budget, out=out, checkout=Path.cwd())
+    planned = _chosen(steps(place, arguments.ray), arguments.only)
+    if not arguments.gather:
+        to_do = [step for step in planned if not step.is_done()]
+        speed = measure(place, to_do) if to_do else {}
+        print(forecast(place, planned, to_do, speed), file=sys.stderr, flush=True)
+        if arguments.plan:
+            result: dict[str, object] = {"steps": [at.name for at in planned], "to_do": [at.name for at in to_do]}
+            return result, f"{len(to_do)} of {len(planned)} steps are to do; nothing was run"
+
+    def on_step(number: int, step: "Step", what: str) -> None:
+        if what != "done before":
+            note(arguments, f"[{number}/{len(planned)}] {step.name}: {what}")
+
+    failed = {} if arguments.gather else run_steps(planned, out, on_step)
+    tables = out / "tables" / arguments.budget
+    write_tables(gather(place), tables)
+    rows = {name: len(table) for name, table in read_tables(tables).items()}
+    result = {"folder": str(out), "tables": str(tables), "rows": rows, "failed": failed}
+    text = f"{', '.join(f'{n} {name}' for name, n in rows.items())}: {tables}"
+    if failed:
+        said = "\n".join(f"{name}: {why}" for name, why in failed.items())
+        raise PartialResultError(
+            f"{len(failed)} of {len(planned)} steps failed; the same command tries them again\n{said}", (result, text)
+        )
+    return result, text
+
+
+def _chosen(planned: "list[Step]", only: list[str] | None) -> "list[Step]":
+    """Return the steps whose names hold one of these texts."""
+    if only is None:
+        return planned
+    chosen = [step for step in planned if any(text in step.name for text in only)]
+    if not chosen:
+        names = ", ".join(step.name for step in planned[:_SHOWN])
+        raise ConfigError(f"no step is called {', '.join(only)}; there are {names}, ... (--plan lists all with --json)")
+    return chosen
 
 
 def report(arguments: argparse.Namespace) -> Result:
@@ -25,7 +84,22 @@ def report(arguments: argparse.Namespace) -> Result:
 
 
 def add(command: AddCommand) -> None:
-    """Add the command of this file."""
+    """Add the commands of this file."""
+    made = command(reproduce)
+    made.add_argument("--budget", default="smoke", metavar="NAME", help="smoke, laptop or paper (default smoke)")
+    made.add_argument("--manifest", type=Path, metavar="YAML", help="another manifest than the shipped one")
+    made.add_argument("--plan", action="store_true", help="say what would be run, how long and what will be missing")
+    made.add_argument(
+        "--only",
+        nargs="+",
+        metavar="TEXT",
+        help="only steps whose name holds one of these, e.g. 'train scale' planners",
+    )
+    made.add_argument("--gather", action="store_true", help="run nothing: only make the tables of what there is")
+    made.add_argument(
+        "--ray", metavar="ADDRESS", help="train on this Ray cluster; --out must be on storage its nodes share"
+    )
+
     made = command(report)
     made.add_argument(
         "--records",

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,12 +88,15 @@ def _make(arguments: argparse.Namespace) -> Result:
 
 
 def evaluate_set(arguments: argparse.Namespace) -> Result:
-    """Judge agents on a held-out set; write scores and tables."""
+    """Judge agents on a held-out set; write scores, tables and how every episode ended."""
+    from zebrat_bullet.evaluation.endings import Endings
     from zebrat_bullet.evaluation.held_out import SetJudgement, judge_set
-    from zebrat_bullet.evaluation.track_set import read_set
+    from zebrat_bullet.evaluation.set_episodes import save_set_episodes, set_episodes
+    from zebrat_bullet.evaluation.track_set import SetTrack, read_set
     from zebrat_bullet.report.held_out import set_table
 
     tracks = read_set(arguments.set)
+    out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
     tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
     how = SetJudgement(
         episodes=arguments.episodes,
@@ -104,6 +108,14 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         workers=_workers(arguments),
         task=tasks[arguments.agent[0]],
     )
+    names = {agent: file_name(agent) for agent in arguments.agent}
+    if len(set(names.values())) < len(names):  # the best policies of two runs
+        names = {agent: file_name(agent.replace("/", "-")) for agent in names}
+
+    def keep(agent: str, driven: Sequence[SetTrack], endings: Endings) -> None:
+        made = set_episodes(agent, tracks.name, arguments.sim, arguments.seed, driven, endings)
+        save_set_episodes(made, out / f"episodes-{names[agent]}.npz")
+
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=None)
         scores = judge_set(
@@ -112,8 +124,8 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             how,
             lambda agent, done, total: bar.update(shown, description=f"judging {agent}", completed=done, total=total),
             tasks,
+            keep,
         )
-    out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
     out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
     (out / "scores.json").write_text(json.dumps(result))

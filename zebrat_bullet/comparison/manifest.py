@@ -1,4 +1,4 @@
-"""The manifest of a comparison: which runs, which judgements, and what of them each budget does; data, one YAML file."""
+"""The manifest of a comparison: which runs and judgements, and what of them each budget does; one YAML file."""
 
 import json
 from collections.abc import Collection, Iterable, Iterator
@@ -28,6 +28,7 @@ class Training:
         variant: what it has beside the study's plain runs, such as "crash"; empty for those.
         init: name of another training; each algorithm and reward begins with the best policy of its seeds there.
         kept: a folder or zip archive of run folders that exist: finished ones are not run again.
+        kept_seeds: of these, in every budget that does not cut the training short.
         policies: of kept runs that can be judged, the policy file by the name of the run's folder.
     """
 
@@ -42,6 +43,7 @@ class Training:
     set: tuple[str, ...] = ()
     init: str = ""
     kept: str = ""
+    kept_seeds: tuple[int, ...] = ()
     policies: dict[str, str] = field(default_factory=dict)
 
     def setting(self, algo: str) -> str:
@@ -122,6 +124,20 @@ class Share:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Contacts:
+    """A collision study: contacts to drive for, and more options of `zebrat collisions`."""
+
+    __pydantic_config__ = _EXACT
+
+    events: int
+    options: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.events < 1:
+            raise ConfigError(f"events are at least 1, got {self.events}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Budget:
     """How much of the manifest is run.
 
@@ -131,7 +147,7 @@ class Budget:
         trainings: those that are run, each with settings that cut it short (none: as the manifest has it).
         anew: those of them that are run although finished runs are kept.
         judgements: those that are driven, each with what is done of it.
-        collisions: contacts that the collision study is driven for; 0 for none.
+        collisions: the collision study that is driven; None for none.
     """
 
     __pydantic_config__ = _EXACT
@@ -141,14 +157,12 @@ class Budget:
     trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     anew: tuple[str, ...] = ()
     judgements: dict[str, Share] = field(default_factory=dict)
-    collisions: int = 0
+    collisions: Contacts | None = None
 
     def __post_init__(self) -> None:
         if not self.seeds or len(set(self.seeds)) != len(self.seeds) or min(self.seeds) < 0:
             raise ConfigError(f"seeds are whole numbers from 0 up, at least one and each once; got {self.seeds}")
         _known("anew", self.anew, self.trainings)
-        if self.collisions < 0:
-            raise ConfigError(f"collisions is a number of contacts from 0 up, got {self.collisions}")
 
 
 @dataclass(frozen=True, kw_only=True)

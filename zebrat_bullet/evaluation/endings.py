@@ -159,9 +159,10 @@ def _drive_world(
     records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise, supervised_m))
     outcome = np.array([[Outcome(record.outcome).code for record in records]], dtype=np.int8)
     time_s = np.array([[record.duration_s for record in records]])
-    return Endings(outcome, time_s, np.array([[_n_reversals(record.command[:, 0]) for record in records]]))
+    return Endings(outcome, time_s, np.array([[count_reversals(record.command[:, 0]) for record in records]]))
 
 
-def _n_reversals(speeds_mps: NDArray[np.float64]) -> int:
+def count_reversals(speeds_mps: NDArray[np.float64]) -> int:
+    """Return how often (T,) commanded speeds change their sign; standing still is no sign."""
     signs = np.sign(speeds_mps[speeds_mps != 0.0])
     return int((signs[1:] != signs[:-1]).sum())

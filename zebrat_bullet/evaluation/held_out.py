@@ -94,6 +94,7 @@ def judge_set(
     how: SetJudgement,
     on_tracks: Callable[[str, int, int], None] = lambda agent, done, total: None,
     tasks: Mapping[str, TaskConfig] | None = None,
+    on_endings: Callable[[str, Sequence[SetTrack], Endings], None] = lambda agent, tracks, endings: None,
 ) -> dict[str, SetScore]:
     """Judge agents on a set, all on the same tracks.
 
@@ -103,6 +104,7 @@ def judge_set(
         how: the simulator, and how much of the set.
         on_tracks: called with an agent, how many of the tracks it has driven, and how many it will.
         tasks: of agents that drive under another task than `how` says.
+        on_endings: called with each agent, the tracks that it drove and how its episodes there ended.
 
     Raises:
         ConfigError: the set is for another car, is smaller than asked for, or its tracks cannot be drawn here.
@@ -122,6 +124,7 @@ def judge_set(
     for agent in agents:
         on_tracks(agent, 0, len(worlds))
         endings = _drive(agent, worlds, own[agent], lambda done, agent=agent: on_tracks(agent, done, len(worlds)))  # type: ignore[misc]
+        on_endings(agent, facts, endings)
         scores[agent] = _score(tracks, facts, how, endings)
     return scores
 

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.processes import MOST_WORKERS
+from zebrat_bullet.processes import MOST_WORKERS, end_with_parent
 
 
 @contextmanager
@@ -24,7 +24,7 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise ConfigError(f"the work takes at least 1 worker process, got {workers}; and at most {MOST_WORKERS}")
     n = min(workers or os.cpu_count() or 1, max(n_jobs, 1))
-    with ProcessPoolExecutor(n, get_context("spawn"), _one_thread) as pool:
+    with ProcessPoolExecutor(n, get_context("spawn"), _begin) as pool:
         try:
             yield pool
         except BaseException:
@@ -32,5 +32,6 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
             raise
 
 
-def _one_thread() -> None:
+def _begin() -> None:
+    end_with_parent()
     threadpool_limits(1)  # a process a core already: threads within would only fight for them

@@ -37,6 +37,9 @@ ROLLOUT_STEPS = 16
 """Steps between two visits of the callback that evaluates and saves; SB3 does some work of its own at each, too."""
 DISCRETE = frozenset({"dqn", "ppo-discrete"})
 """Algorithms that choose among the six discrete actions."""
+OFF_POLICY = frozenset({"ddpg", "dqn", "sac"})
+"""Algorithms that learn from a replay."""
+_WITHOUT_END = 10**12
 
 
 def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
@@ -71,7 +74,9 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     }
     model = _build_off_policy(settings, common, network)
     if isinstance(model, RunBudget):
-        model.n_episodes, model.n_steps_of_run = config.episodes, config.steps
+        # Thousands of planar cars have driven any number of episodes at once: their runs are counted in steps.
+        model.n_episodes = _WITHOUT_END if config.planar else config.episodes
+        model.n_steps_of_run = config.steps
     return model
 
 

@@ -25,14 +25,14 @@ from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
-from zebrat_bullet.training.learners import DISCRETE, build_learner
+from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, build_learner
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.tensors import begin_with
-from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
+from zebrat_bullet.training.vec_env import OverlappedVecEnv, learn_meanwhile, make_vec_env
 from zebrat_bullet.world import generate_tracks
 
 STEPS_WITHOUT_END = 10**9
@@ -149,7 +149,9 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     cars.seed(config.seed)
     n_judged = planar.n_eval_tracks * planar.n_eval_starts
     judge = PlanarDrive(_from_the_start(config.task), eval_worlds, n_judged, device=planar.device)
-    model, state = build_learner(config, cars), dict[str, Any]()
+    # PPO learns between its rollouts, the others while they drive.
+    driven = OverlappedVecEnv(cars) if algo in OFF_POLICY else cars
+    model, state = build_learner(config, driven), dict[str, Any]()
     if resume:
         state, arrays = load_checkpoint(folder / "checkpoint", model)
         with refusing(folder, ZebratError, "cannot be resumed", "begin the run anew in another folder"):
@@ -158,6 +160,9 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         begin_with(model, Path(config.init))
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     provenance = {"config": json.loads(to_json(config))} | run_versions()
+    if isinstance(model, OffPolicyAlgorithm):
+        assert isinstance(driven, OverlappedVecEnv)
+        learn_meanwhile(model, driven, planar.gradient_steps)
     callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
     model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
 

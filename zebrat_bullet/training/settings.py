@@ -174,6 +174,8 @@ class PlanarConfig:
             from the start of each, by which the best policy is chosen; sensor and dynamics drawn as in training, no
             exploration.
         eval_every_steps: steps between two evaluations, and between two checkpoints.
+        gradient_steps: of DDPG and SAC, for each step of all cars; None for as many as there are cars, the paper's one
+            for each transition.
     """
 
     n_cars: int = 1024
@@ -186,9 +188,12 @@ class PlanarConfig:
     n_eval_tracks: int = 250
     n_eval_starts: int = 4
     eval_every_steps: int = 500_000
+    gradient_steps: int | None = None
 
     def __post_init__(self) -> None:
         _at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
+        if self.gradient_steps is not None:
+            within(self, gradient_steps=(1, 2**18))
         _shares(self, "curriculum")
         within(self, n_cars=(1, 2**18), margin_m=(-1.0, 10.0), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
         within(self, n_eval_starts=(1, _PLANAR_STARTS), eval_every_steps=(1, 10**12))

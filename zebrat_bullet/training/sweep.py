@@ -106,7 +106,7 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
         _refuse_another(before, sweep, folder)
         # In the order in which they came, for a world's place in it tells the folders of its runs.
         sweep = replace(sweep, worlds=tuple(dict.fromkeys([*before.worlds, *sweep.worlds])))
-    runs = _runs(sweep, folder)
+    runs = runs_of(sweep, folder)
     a_run = next(iter(runs.values()))
     load_robot(a_run.task.robot)
     for names in dict.fromkeys(config.worlds for config in runs.values()):
@@ -121,7 +121,12 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     return runs
 
 
-def _runs(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
+def runs_of(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
+    """Return the runs of a sweep by the folders that they would have; nothing is read or written.
+
+    Raises:
+        ConfigError: a setting is wrong.
+    """
     runs: dict[Path, TrainConfig] = {}
     if sweep.preset not in TRAIN_PRESETS:
         raise ConfigError(f"no preset {sweep.preset!r}; there are {', '.join(TRAIN_PRESETS)}")

@@ -81,12 +81,13 @@ def make_vec_env(n_envs: int, in_processes: bool, **env: Any) -> OverlappedVecEn
     return OverlappedVecEnv(SubprocVecEnv(make, start_method="spawn") if in_processes else DummyVecEnv(make))
 
 
-def learn_meanwhile(model: OffPolicyAlgorithm, vec_env: OverlappedVecEnv) -> None:
-    """Let a learner do as many gradient steps as there are environments, while these step."""
+def learn_meanwhile(model: OffPolicyAlgorithm, vec_env: OverlappedVecEnv, gradient_steps: int | None = None) -> None:
+    """Let a learner do so many gradient steps, None for as many as there are environments, while these step."""
+    n_steps = model.n_envs if gradient_steps is None else gradient_steps
 
     def learn() -> None:
         if model.num_timesteps > model.learning_starts:
-            model.train(gradient_steps=model.n_envs, batch_size=model.batch_size)
+            model.train(gradient_steps=n_steps, batch_size=model.batch_size)
 
     vec_env.meanwhile = learn
 

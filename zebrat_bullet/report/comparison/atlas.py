@@ -99,7 +99,7 @@ def _members(drives: Sequence[Drive]) -> str:
     """Return who failed, and in which episodes."""
     said: dict[str, list[Drive]] = {}
     for drive in drives:
-        name = f"{drive.method}{f', {drive.setting}' if drive.setting else ''}{f', {drive.run}' if drive.run else ''}"
+        name = ", ".join(filter(None, (drive.method, drive.setting, drive.noise, drive.run)))
         said.setdefault(name, []).append(drive)
     lines = []
     for name, of_name in said.items():

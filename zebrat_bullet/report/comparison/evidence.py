@@ -150,25 +150,26 @@ class Evidence:
 
     @cached_property
     def _judged(self) -> dict[tuple[Scope, str, str], list[Drive]]:
-        """Noise-free drives in PyBullet by scope, method and place; variants of a reward are left out."""
+        """Drives in PyBullet by scope, method and place; variants of a reward are left out, and noise but the rivals'."""
         found = defaultdict(list)
         for drive in self.drives:
-            if drive.sim == "bullet" and not drive.noise and (scope := self._scope(drive)):
+            if drive.sim == "bullet" and (scope := self._scope(drive)):
                 found[scope, drive.method, drive.place].append(drive)
         return found
 
     def _scope(self, drive: Drive) -> Scope | None:
         """Return what a drive is evidence for; fine-tuning is part of the paper's training."""
         if drive.study == "rivals":
-            return "paper" if drive.setting in PAPER_SETTINGS.get(drive.method, ()) else "scale"
-        if self.variant(drive.run):
+            known = drive.setting in PAPER_SETTINGS.get(drive.method, ())
+            return "paper" if known and not drive.noise else "scale"
+        if drive.noise or self.variant(drive.run):
             return None
         if drive.study in ("paper", "finetuning"):
             return "paper" if self.algorithm(drive.run) in ("", "ddpg") else None
         return "scale" if drive.study == "scale" else None
 
     def drives_of(self, scope: Scope, method: str, place: str) -> list[Drive]:
-        """Return every noise-free drive of a method in a world, under PyBullet."""
+        """Return every drive of a method in a world, under PyBullet."""
         return self._judged.get((scope, method, place), [])
 
     def shown(self, scope: Scope, method: str, place: str) -> list[Drive]:
@@ -181,9 +182,9 @@ class Evidence:
         if runs := sorted({drive.run for drive in drives if drive.run is not None}):
             best = max(runs, key=self.best_success)  # the first of equals
             drives = [drive for drive in drives if drive.run == best]
-        settings: dict[tuple[str, str], list[Drive]] = {}
+        settings: dict[tuple[str, str, str], list[Drive]] = {}
         for drive in drives:
-            settings.setdefault((drive.setting, drive.agent), []).append(drive)
+            settings.setdefault((drive.setting, drive.noise, drive.agent), []).append(drive)
         return max((settings[key] for key in sorted(settings)), key=lambda each: rate(each).share, default=[])
 
     def pool(self, scope: Scope, method: str, places: Iterable[str]) -> list[Drive]:

@@ -1,0 +1,275 @@
+"""The comparison: one manifest, resumed after a kill at any point, the same tables from the same outputs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from zebrat_bullet.cli.main import main
+from zebrat_bullet.comparison.estimate import forecast
+from zebrat_bullet.comparison.gather import gather
+from zebrat_bullet.comparison.manifest import SHIPPED, cells, read_manifest
+from zebrat_bullet.comparison.policies import Place
+from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
+from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
+
+ROOT = Path(__file__).parent.parent
+TRACKS = ["big_track", *(f"track_{i}" for i in range(1, 9))]
+TINY = """
+trainings:
+  short:
+    study: paper
+    asked: 8 episodes
+    rewards: [ft]
+    set: [episodes=8, 'learner.hidden=[16,16]', learner.batch_size=16, learner.buffer_size=2000, eval_every=4,
+          eval_episodes=1, checkpoint_every=1, task.lidar.n_channels=4, task.episode.max_steps=40]
+judgements:
+  learned: {trainings: [short], worlds: [track_2], episodes: 2, options: [--caster, embree]}
+  random:
+    {drivers: [{method: random, agent: random}], worlds: [track_2], episodes: 12, options: [--caster, embree]}
+  held-out:
+    {drivers: [{method: ours, agent: shipped}], sets: [reversals-5], tracks: 3, sim: planar, episodes: 2}
+budgets:
+  all:
+    about: all of it
+    seeds: [0]
+    trainings: {short: []}
+    judgements: {learned: {}, random: {}, held-out: {}}
+  more:
+    about: what the other leaves out
+    seeds: [0, 1]
+    trainings: {short: []}
+    judgements: {learned: {}, random: {}, held-out: {}}
+"""
+SPEED = {"train ddpg, PyBullet": 50.0, "a policy": 1.0, "random": 0.5, "start": 4.0, "a set": 10.0}
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    (tmp_path / "manifest.yaml").write_text(TINY)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "speed.json").write_text(json.dumps(SPEED))  # measured before, so not again
+    return tmp_path
+
+
+def place(folder: Path, budget: str = "all") -> Place:
+    manifest = read_manifest(folder / "manifest.yaml")
+    return Place(manifest=manifest, budget=budget, out=folder / "out", checkout=ROOT)
+
+
+def reproduce(folder: Path, *options: str) -> subprocess.Popen[str]:
+    code = "import sys; from zebrat_bullet.cli import main; sys.exit(main())"
+    call = ["reproduce", "--manifest", folder / "manifest.yaml", "--budget", "all", "--out", folder / "out", "--json"]
+    command = [sys.executable, "-c", code, *map(str, call), *options]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def kill_when(process: subprocess.Popen[str], reached: Callable[[], bool]) -> None:
+    """Kill a process as soon as something is reached; everything that it started must be gone soon after."""
+    while not reached():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    family = psutil.Process(process.pid).children(recursive=True)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    gone, alive = psutil.wait_procs(family, timeout=60)
+    assert not alive and gone
+
+
+@pytest.mark.slow
+def test_killed_twice_it_goes_on_loses_one_cell_and_drives_nothing_finished_again(tiny: Path):
+    here = place(tiny)
+    train, learned, random, held_out = steps(here)
+    assert isinstance(train, Train) and isinstance(random, Judge)
+    (run,) = here.runs("short")
+
+    kill_when(reproduce(tiny), lambda: has_checkpoint(run))
+    assert not is_finished(run) and not train.is_done()
+
+    records = random.folder / "records" / "track_2"
+    kill_when(reproduce(tiny), lambda: any(records.glob("*.npz")))
+    assert train.is_done() and learned.is_done() and not random.is_done() and not held_out.is_done()
+    partial = gather(here)
+    assert {row["place"] for row in partial["episodes"].to_pylist() if row["run"]} == {"track_2"}
+    n_partial = partial["episodes"].num_rows
+    assert 2 < n_partial < 14
+    before = {path: path.stat().st_mtime_ns for path in (run / "summary.json", learned.folder / "scores.json")}
+
+    last = reproduce(tiny)
+    said, errors = last.communicate()
+    assert last.returncode == 0, errors
+    result = json.loads(said.splitlines()[-1])
+    assert result["failed"] == {} and result["rows"]["episodes"] == 2 + 12 + 3 * 2
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert all(step.is_done() for step in steps(here))
+
+    # The same outputs, the same bytes; and each column as the schema has it.
+    first = {path.name: path.read_bytes() for path in Path(result["tables"]).iterdir()}
+    write_tables(gather(here), tiny / "again")
+    assert {path.name: path.read_bytes() for path in (tiny / "again").iterdir()} == first
+    tables = read_tables(Path(result["tables"]))
+    assert {name: table.column_names for name, table in tables.items()} == {n: list(c) for n, c in COLUMNS.items()}
+    rows = tables["episodes"].to_pylist()
+    policy = "runs/comparison/training/short/ddpg-ft-big_track-seed0/best.safetensors"
+    (one, _) = [row for row in rows if row["method"] == "RL_FT"]
+    assert (one["agent"], one["run"]) == (policy, "short/ddpg-ft-big_track-seed0")
+    assert one["min_gap_m"] is not None and one["distance_m"] > 0.0 and one["family"] is None
+    on_set = [row for row in rows if row["sim"] == "planar"]
+    assert {row["reversals"] for row in on_set} == {5} and all(row["min_gap_m"] is None for row in on_set)
+    assert all(2 <= len(row["x"]) == len(row["y"]) <= 64 for row in tables["paths"].to_pylist())
+    (trained,) = tables["runs"].to_pylist()
+    assert trained["state"] == "complete" and trained["episodes"] == 8 and str(tiny) not in trained["command"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "instead", "said"),
+    [
+        ("study: paper", "study: papr", "trainings.short.study"),
+        ("rewards: [ft]", "rewards: [ft]\n    reward: [ft]", "trainings.short.reward"),
+        ("trainings: [short]", "trainings: [long]", "judgements.learned.trainings names 'long'; there are short"),
+        ("learned: {}, random", "learnt: {}, random", "names 'learnt'; there are learned, random, held-out"),
+        ("episodes: 12,", "episodes: 0,", "episodes and tracks are at least 1"),
+        ("seeds: [0]", "seeds: []", "seeds are whole numbers from 0 up, at least one"),
+        ("sim: planar", "sim: planar, worlds: [track_2]", "either worlds or sets"),
+        ("trainings:", "trainings: [", "is not readable as YAML"),
+    ],
+)
+def test_a_manifest_that_cannot_be_meant_is_refused_by_the_name_of_what_is_wrong(
+    tiny: Path, wrong: str, instead: str, said: str
+):
+    path = tiny / "manifest.yaml"
+    path.write_text(TINY.replace(wrong, instead, 1))
+    with pytest.raises(ConfigError) as refused:
+        read_manifest(path)
+    assert said in str(refused.value) and "manifest.yaml" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "instead", "said"),
+    [
+        ("episodes=8", "episods=8", "cannot set 'episods=8'"),
+        ("rewards: [ft]", "rewards: [fat]", "unknown reward preset 'fat'"),
+        ("asked: 8 episodes", "asked: 8 episodes\n    kept: nowhere.zip", "trainings.short.kept names nowhere.zip"),
+    ],
+)
+def test_a_training_that_cannot_be_run_is_refused_before_anything_runs(
+    tiny: Path, wrong: str, instead: str, said: str, capfd: pytest.CaptureFixture[str]
+):
+    path = tiny / "manifest.yaml"
+    path.write_text(TINY.replace(wrong, instead, 1))
+    call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out")]
+    assert main(call) == 2
+    assert said in capfd.readouterr().err
+    assert not (tiny / "out" / "training").exists() and not (tiny / "out" / "judged").exists()
+
+
+def test_an_unknown_budget_or_step_is_refused_with_those_there_are(tiny: Path, capfd: pytest.CaptureFixture[str]):
+    call = ["reproduce", "--manifest", str(tiny / "manifest.yaml"), "--out", str(tiny / "out")]
+    assert main([*call, "--budget", "some"]) == 2
+    assert "no budget 'some'; there are all, more" in capfd.readouterr().err
+    assert main([*call, "--budget", "all", "--only", "dance"]) == 2
+    assert "no step is called dance" in capfd.readouterr().err
+
+
+def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capfd: pytest.CaptureFixture[str]):
+    path = tiny / "manifest.yaml"
+    path.write_text(TINY.replace("agent: random", "agent: nobody"))
+    call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
+    assert main([*call, "--only", "judge"]) == 1
+    said = capfd.readouterr()
+    failed = json.loads(said.out.splitlines()[-1])["failed"]
+    assert set(failed) == {"judge learned/short-ddpg-ft/track_2", "judge random/nobody/track_2"}
+    assert "'short' has no policy of ddpg under ft yet" in failed["judge learned/short-ddpg-ft/track_2"]
+    assert "nobody" in failed["judge random/nobody/track_2"]
+    (judged,) = (step for step in steps(place(tiny)) if step.name.startswith("judge held-out"))
+    assert judged.is_done()
+
+
+def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Path):
+    (random,) = (step for step in steps(place(tiny)) if step.name.startswith("judge random"))
+    assert isinstance(random, Judge)
+    random.command()  # prepares the folder
+    assert not random.is_done()
+    scores = random.folder / "scores.json"
+    scores.write_text(json.dumps({"track_2": {"episodes": 12}}))
+    assert random.is_done()
+    scores.write_text(json.dumps({"track_2": {"episodes": 11}}))
+    assert not random.is_done()
+    scores.write_text('{"track_2": {"episo')  # what a kill leaves
+    assert not random.is_done()
+    scores.write_text(json.dumps({"track_2": {"episodes": 12}}))
+    made_by = random.folder / "made_by.json"
+    made_by.write_text(json.dumps(json.loads(made_by.read_text()) | {"sha256": "another"}))
+    assert not random.is_done()
+    random.command()
+    assert not scores.exists()
+
+
+def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
+    here = place(tiny)
+    planned: list[Step] = steps(here)
+    said = forecast(here, planned, planned, SPEED)
+    # 8 episodes of 40 steps at most, at 50 steps a second, are 6.4 s.
+    assert "training short: 1 step, about 0.1 min" in said
+    assert "1 of 2 seeds" in said
+    slow = forecast(here, planned, planned, SPEED | {"train ddpg, PyBullet": 0.05})
+    assert "training short: 1 step, about 107 min" in slow
+    assert "training short" not in forecast(here, planned, planned[1:], SPEED)
+    assert "what was not measured" in forecast(here, planned, planned, {})
+
+
+def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
+    manifest = read_manifest(SHIPPED)
+    paper = manifest.budget("paper")
+    assert list(paper.trainings) == list(manifest.trainings) and list(paper.judgements) == list(manifest.judgements)
+    assert len(paper.seeds) == 5 and not any(paper.trainings.values())
+    assert cells(manifest, "paper") == cells(manifest)
+    all_cells = cells(manifest, "paper")
+    for study, rewards in (("paper", {"fomt", "fot", "ft", "wg"}), ("scale", {"fomt", "fot", "fmt", "ft"})):
+        judged = [cell for cell in all_cells if cell.study == study and cell.reward and not cell.is_set]
+        assert {cell.reward for cell in judged} == rewards
+        assert {cell.place for cell in judged} == set(TRACKS) and {cell.episodes for cell in judged} == {70}
+    for method in ("DWA", "TEB"):
+        driven = [cell for cell in all_cells if cell.method == method]
+        assert {cell.episodes for cell in driven} == {15}
+        assert {"radius 0.3", "radius 0.5"} <= {cell.setting for cell in driven}
+
+
+@pytest.mark.parametrize("budget", ["smoke", "laptop", "paper"])
+def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_there(budget: str, tmp_path: Path):
+    here = Place(manifest=read_manifest(SHIPPED), budget=budget, out=tmp_path, checkout=ROOT)
+    planned = steps(here)
+    assert len({step.name for step in planned}) == len(planned)
+    for name, training in here.manifest.trainings.items():
+        for policy in training.policies.values():
+            assert (ROOT / policy).is_file()
+        if training.study == "scale":
+            assert all(config.steps == 10_000_000 for config in here.runs(name).values()) or budget == "smoke"
+    finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
+    assert ("train paper-fomt" in finished) == (budget == "laptop")
+
+
+def test_rows_in_any_order_make_the_same_bytes(tmp_path: Path):
+    rows = [{"run": "b", "episode": 20, "best_return": 1.5}, {"run": "a", "episode": 40}, {"run": "a", "success": 0.5}]
+    for name, some in (("one", rows), ("two", rows[::-1])):
+        write_tables({"learning": table_of("learning", some)}, tmp_path / name)
+    assert (tmp_path / "one" / "learning.parquet").read_bytes() == (tmp_path / "two" / "learning.parquet").read_bytes()
+
+
+def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path):
+    write_tables({name: table_of(name, []) for name in COLUMNS}, tmp_path)
+    (tmp_path / "paths.parquet").write_bytes(b"PAR1 no table")
+    with pytest.raises(ConfigError, match=r"paths\.parquet: is not the table `paths`"):
+        read_tables(tmp_path)
+    (tmp_path / "paths.parquet").unlink()
+    with pytest.raises(ConfigError, match=r"paths\.parquet: no such file"):
+        read_tables(tmp_path)

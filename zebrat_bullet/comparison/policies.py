@@ -1,0 +1,184 @@
+"""What the runs of a training have become, here or in what is kept of them, and which of their policies is best."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from zebrat_bullet.comparison.manifest import Budget, Manifest
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.files import refusing
+from zebrat_bullet.training.archive import as_folder
+from zebrat_bullet.training.logs import rank
+from zebrat_bullet.training.run_folder import POLICY_FILES, evaluations, is_finished
+from zebrat_bullet.training.settings import TrainConfig
+from zebrat_bullet.training.sweep import Sweep, runs_of
+
+OUT = Path("runs/comparison")
+"""Where a comparison is, as tables and commands name it, wherever it really is."""
+POLICY, MODEL = POLICY_FILES
+EPISODES = "episodes.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A manifest and a budget of it, in a folder.
+
+    Attributes:
+        manifest, budget: what is done; `budget` is its name.
+        out: the folder.
+        checkout: where the paths in the manifest begin.
+    """
+
+    manifest: Manifest
+    budget: str
+    out: Path
+    checkout: Path
+
+    @property
+    def plan(self) -> Budget:
+        """What the budget does."""
+        return self.manifest.budget(self.budget)
+
+    def portable(self, path: Path) -> str:
+        """Return a path as tables have it: from where `zebrat` is called with the default folder."""
+        for base, name in ((self.out, OUT), (self.checkout, Path())):
+            if path.is_relative_to(base):
+                return str(name / path.relative_to(base))
+        return str(path)
+
+    def training_folder(self, name: str) -> Path:
+        """Return where the runs of a training are; those that a budget cuts short are no one else's."""
+        return self.out / "training" / (f"{name}-{self.budget}" if self._is_cut_short(name) else name)
+
+    def run_name(self, run: Path) -> str:
+        """Return the name of a run in the tables."""
+        return str(run.relative_to(self.out / "training"))
+
+    def sweeps(self, name: str, more_seeds: Sequence[int] = ()) -> dict[Path, Sweep]:
+        """Return the sweeps of a training by their folders: one, or one for each model that is begun with.
+
+        Args:
+            name: of the training.
+            more_seeds: beside the budget's.
+
+        Raises:
+            ConfigError: a setting is wrong; the message names the training.
+        """
+        training, folder = self.manifest.trainings[name], self.training_folder(name)
+        settings = (*training.set, *self.plan.trainings.get(name, ()))
+        with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
+            whole = Sweep(
+                algos=training.algos,
+                rewards=training.rewards,
+                seeds=tuple(sorted({*self.plan.seeds, *more_seeds})),
+                preset=training.preset,
+                set=settings,
+            )
+            if not training.init:
+                return {folder: whole}
+            pairs = [(algo, reward) for algo in training.algos for reward in training.rewards]
+            return {folder / f"{a}-{r}": replace(whole, algos=(a,), rewards=(r,)) for a, r in pairs}
+
+    def runs(self, name: str) -> dict[Path, TrainConfig]:
+        """Return the runs of a training by their folders: the budget's, and those that are kept.
+
+        They lack the models that they begin with.
+        """
+        kept = () if self._is_cut_short(name) else self.manifest.trainings[name].kept_seeds
+        with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
+            sweeps = self.sweeps(name, kept).items()
+            return {run: at for folder, sweep in sweeps for run, at in runs_of(sweep, folder).items()}
+
+    def _is_cut_short(self, name: str) -> bool:
+        return bool(self.plan.trainings.get(name))
+
+    @contextmanager
+    def read_runs(self, name: str) -> Iterator[dict[Path, Path]]:
+        """Yield where each run of a training in this budget can be read: there, or in what is kept of it.
+
+        A finished one goes before one that is not, and one of this folder before a kept one.
+        """
+        training, runs = self.manifest.trainings[name], list(self.runs(name))
+        if not training.kept or self._is_cut_short(name):
+            yield {run: run for run in runs}
+            return
+        kept = self.checkout / training.kept
+        if not kept.exists():
+            where = f"trainings.{name}.kept"
+            raise ConfigError(f"{where} names {training.kept}, which is not there; correct it in the manifest")
+        with as_folder(kept) as folder:
+            yield {run: min((run, folder / run.name), key=_how_far) for run in runs}
+
+
+def _how_far(run: Path) -> int:
+    return 0 if is_finished(run) else 1 if (run / EPISODES).is_file() else 2
+
+
+def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | None = None) -> Path:
+    """Return the policy of a training to be judged: the best of its seeds by their own evaluations, or of one seed.
+
+    Raises:
+        ConfigError: there is none; the message says what to run.
+    """
+    policies, configs = place.manifest.trainings[name].policies, place.runs(name)
+    found: list[tuple[tuple[float, float, float], str, Path]] = []
+    with place.read_runs(name) as runs:
+        for run, readable in runs.items():
+            kept = place.checkout / policies[run.name] if run.name in policies else None
+            policy = run / POLICY if readable == run else kept
+            wanted = who_of(run, configs[run]) == (algo, reward) and seed in (None, configs[run].seed)
+            if wanted and policy is not None and policy.is_file():
+                found.append((best_rank(readable), run.name, policy))
+    if not found:
+        which = f"{algo} under {reward}" + ("" if seed is None else f", seed {seed}")
+        raise ConfigError(f"training {name!r} has no policy of {which} yet; its runs come first")
+    return max(found, key=lambda one: (one[0], one[1]))[2]
+
+
+def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
+    """Return the model that a fine-tuning begins with: that of the best of all seeds which are here.
+
+    Raises:
+        ConfigError: none is here.
+    """
+    runs = place.runs(name)
+    here = [run for run, at in runs.items() if (run / MODEL).is_file() and who_of(run, at) == (algo, reward)]
+    if not here:
+        raise ConfigError(
+            f"training {name!r} has no {MODEL} of {algo} under {reward} to begin with: its runs come first (of kept "
+            "runs there are logs alone: name it under `anew` in the budget)"
+        )
+    return max(here, key=lambda run: (best_rank(run), run.name)) / MODEL
+
+
+def best_rank(run: Path) -> tuple[float, float, float]:
+    """Return the rank of a run's best policy by its own noise-free evaluations."""
+    with refusing(run, ZebratError, "its evaluations are not those of a run", "move the folder away"):
+        return max(rank(row) for row in evaluations(run))
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def who_of(run: Path, config: TrainConfig) -> tuple[str, str]:
+    """Return algorithm and reward of a run.
+
+    The reward is that in its folder's name, ALGO-REWARD-WORLDS-seedK: its settings may be of no preset.
+    """
+    algo = config.learner.algo
+    return algo, run.name.removeprefix(f"{algo}-").partition("-")[0]
+
+
+def runs_by_policy(place: Place) -> dict[str, str]:
+    """Return the name of the run that each policy is of, by the policy's portable path."""
+    found: dict[str, str] = {}
+    for name, training in place.manifest.trainings.items():
+        for run in place.runs(name):
+            found[place.portable(run / POLICY)] = place.run_name(run)
+            if run.name in training.policies:
+                found[training.policies[run.name]] = place.run_name(run)
+    return found

@@ -1,0 +1,233 @@
+"""What a comparison does, step by step, each a command of `zebrat`; whether a step is done, its outputs say."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
+from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
+from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.files import is_file, read_json
+from zebrat_bullet.training.run_folder import is_finished
+from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
+
+MADE_BY, SCORES, CASES = "made_by.json", "scores.json", "cases.csv"
+
+
+class Step(Protocol):
+    """One command.
+
+    Attributes:
+        name: of the step, unique.
+        folder: where its outputs are.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the step, unique."""
+
+    @property
+    def folder(self) -> Path:
+        """Where its outputs are."""
+
+    def is_done(self) -> bool:
+        """Return whether its outputs are all there."""
+
+    def command(self) -> list[str]:
+        """Return what `zebrat` is called with; prepares the folder.
+
+        Raises:
+            ZebratError: what it needs is not there: a step before it has failed.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """The runs of a training: a sweep, which resumes each from its checkpoint."""
+
+    place: Place
+    training: str
+    sweep: Sweep
+    folder: Path
+    ray: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the step, unique."""
+        return f"train {self.folder.relative_to(self.place.out / 'training')}"
+
+    def missing(self) -> list[Path]:
+        """Return the runs that are not finished, here or in what is kept."""
+        anew = self.training in self.place.plan.anew
+        with self.place.read_runs(self.training) as readable:
+            return [
+                run
+                for run in runs_of(self.sweep, self.folder)
+                if not is_finished(run) and (anew or not is_finished(readable[run]))
+            ]
+
+    def is_done(self) -> bool:
+        """Return whether every run came to its end."""
+        return not self.missing()
+
+    def command(self) -> list[str]:
+        """Return the sweep of the seeds that are missing, and of those that another budget has begun in this folder."""
+        runs, missing = runs_of(self.sweep, self.folder), self.missing()
+        begun = self.folder / MANIFEST
+        seeds = {runs[run].seed for run in missing} | set(
+            read_manifest(begun).get("seeds", ()) if is_file(begun) else ()
+        )
+        sweep = replace(self.sweep, seeds=tuple(sorted(seeds)))
+        if init := self.place.manifest.trainings[self.training].init:
+            (algo,), (reward,) = sweep.algos, sweep.rewards
+            sweep = replace(sweep, set=(*sweep.set, f"init={best_model(self.place, init, algo, reward)}"))
+        return [*sweep_command(sweep, str(self.folder)), *(("--ray", self.ray) if self.ray else ()), "--quiet"]
+
+
+def sweep_command(sweep: Sweep, folder: str) -> list[str]:
+    """Return what `zebrat` is called with for a sweep."""
+    return [
+        *("sweep", "--algos", *sweep.algos, "--rewards", *sweep.rewards),
+        *("--seeds", *map(str, sweep.seeds), "--preset", sweep.preset),
+        *(("--set", *sweep.set) if sweep.set else ()),
+        *("--out", folder),
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collisions:
+    """The study of which representation sees a contact."""
+
+    folder: Path
+    what: Contacts
+
+    @property
+    def name(self) -> str:
+        """Name of the step, unique."""
+        return f"collisions, {self.what.events} contacts"
+
+    def is_done(self) -> bool:
+        """Return whether the study of at least so many contacts has left its last picture."""
+        rows = read_rows(self.folder / CASES)
+        base = [int(float(row["contacts"])) for row in rows if row["panel"] == "base"]
+        return bool(base) and min(base) >= self.what.events and is_file(self.folder / "sweeps.png")
+
+    def command(self) -> list[str]:
+        """Return the study, which goes on from the drives that it has."""
+        how = ["--events", str(self.what.events), *self.what.options]
+        return ["collisions", *how, "--out", str(self.folder), "--no-video", "--quiet"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judge:
+    """One agent in one place."""
+
+    place: Place
+    cell: Cell
+
+    @property
+    def name(self) -> str:
+        """Name of the step, unique."""
+        return f"judge {self.folder.relative_to(self.place.out / 'judged')}"
+
+    @property
+    def folder(self) -> Path:
+        """Where scores and records are."""
+        cell = self.cell
+        if cell.agent:
+            who = "".join(letter if letter.isalnum() or letter in "._-=" else "-" for letter in cell.agent)
+        else:
+            folder = self.place.training_folder(cell.training).name
+            who = f"{folder}-{cell.algorithm}-{cell.reward}" + ("" if cell.seed is None else f"-seed{cell.seed}")
+        return self.place.out / "judged" / cell.judgement / who / cell.place
+
+    @property
+    def how(self) -> Judgement:
+        """The judgement that the cell is of."""
+        return self.place.manifest.judgements[self.cell.judgement]
+
+    def agent(self) -> str:
+        """Return who drives: a name, or the path of a policy.
+
+        Raises:
+            ConfigError: there is no policy yet.
+        """
+        cell = self.cell
+        if not cell.agent:
+            return str(best_policy(self.place, cell.training, cell.algorithm, cell.reward, cell.seed))
+        file = self.place.checkout / cell.agent
+        return str(file) if is_file(file) else cell.agent
+
+    def made_by(self) -> dict[str, Any]:
+        """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
+        agent = self.agent()
+        share = self.place.plan.judgements[self.cell.judgement]
+        return {
+            "agent": self.place.portable(Path(agent)) if is_file(agent) else agent,
+            "sha256": sha256(Path(agent)) if is_file(agent) else "",
+            "sim": self.cell.sim,
+            "seed": self.how.seed,
+            "options": list(self.how.options),
+            "tracks": (share.tracks or self.how.tracks) if self.cell.is_set else None,
+            "starts": self.cell.episodes if self.cell.is_set else None,
+        }
+
+    def is_done(self) -> bool:
+        """Return whether the scores are of this agent and of as many episodes at least."""
+        try:
+            if read_json(self.folder / MADE_BY, ZebratError) != self.made_by():
+                return False
+            scores = read_json(self.folder / SCORES, ZebratError)
+            (score,) = scores.values()
+            return self.cell.is_set or score["episodes"] >= self.cell.episodes
+        except (ZebratError, AttributeError, KeyError, TypeError, ValueError):
+            return False  # nothing yet, or what a kill has left
+
+    def command(self) -> list[str]:
+        """Return the evaluation; what another agent has left in the folder goes."""
+        made_by = self.made_by()
+        path = self.folder / MADE_BY
+        if not is_file(path) or path.read_text() != json.dumps(made_by):
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder.mkdir(parents=True)
+            path.write_text(json.dumps(made_by))
+        where = ["--set", self.cell.place] if self.cell.is_set else ["--worlds", self.cell.place]
+        tracks = ["--tracks", str(made_by["tracks"])] if made_by["tracks"] else []
+        return [
+            *("evaluate", "--agent", self.agent(), *where, *tracks, "--sim", self.cell.sim),
+            *("--episodes", str(self.cell.episodes), "--seed", str(self.how.seed), *self.how.options),
+            *("--out", str(self.folder), "--quiet"),
+        ]
+
+
+def steps(place: Place, ray: str | None = None) -> list[Step]:
+    """Return what a budget does, in this order: collisions, trainings before those that begin with them, judgements.
+
+    Args:
+        place: manifest, budget and folder.
+        ray: address of a Ray cluster for the trainings; None trains here.
+
+    Raises:
+        ConfigError: a training cannot be run as the manifest says.
+    """
+    plan = place.plan
+    made: list[Step] = []
+    if plan.collisions:
+        made.append(Collisions(folder=place.out / f"collisions-{plan.collisions.events}", what=plan.collisions))
+    for name in _in_order(place):
+        place.runs(name)  # a wrong setting is told before hours of driving
+        for folder, sweep in place.sweeps(name).items():
+            made.append(Train(place=place, training=name, sweep=sweep, folder=folder, ray=ray))
+    return [*made, *(Judge(place=place, cell=cell) for cell in cells(place.manifest, place.budget))]
+
+
+def _in_order(place: Place) -> Iterator[str]:
+    """Yield the trainings so that one that begins with another comes after it."""
+    trainings = place.manifest.trainings
+    names = sorted(place.plan.trainings, key=list(trainings).index)
+    yield from (name for name in names if not trainings[name].init)
+    yield from (name for name in names if trainings[name].init)
