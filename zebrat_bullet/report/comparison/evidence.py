@@ -150,7 +150,7 @@ class Evidence:
 
     @cached_property
     def _judged(self) -> dict[tuple[Scope, str, str], list[Drive]]:
-        """Drives in PyBullet by scope, method and place; variants of a reward are left out, and noise but the rivals'."""
+        """Drives in PyBullet by scope, method and place; no variants of a reward, and noise of rivals alone."""
         found = defaultdict(list)
         for drive in self.drives:
             if drive.sim == "bullet" and (scope := self._scope(drive)):
