@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from comparison_tables import counts, everyone, run, tables
 from selenium import webdriver
 
 from zebrat_bullet.agents import load_agent
-from zebrat_bullet.comparison.manifest import read_manifest
+from zebrat_bullet.comparison.manifest import Driver, Judgement, Manifest, read_manifest
 from zebrat_bullet.comparison.tables import write_tables
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import with_overrides
@@ -37,13 +38,27 @@ needs_chromium = pytest.mark.skipif(
     not (shutil.which("chromium") and shutil.which("chromedriver")),
     reason="needs Chromium: apt-get install chromium chromium-driver",
 )
+BRIEF = "task.episode.max_steps=4"
+"""A film of few pictures is soon drawn."""
+MANIFEST = Manifest(
+    trainings={},
+    judgements={
+        "brief": Judgement(
+            drivers=(Driver(method="RL_FT", agent="random", study="paper"),),
+            worlds=("track_2",),
+            episodes=2,
+            options=("--caster", "embree", "--set", BRIEF),
+        )
+    },
+    budgets={},
+)
 NOTES = "# Why\n\nIt *depends*. <script>alert(1)</script> ![x](http://example.invalid/x.png)\n"
 
 
 @pytest.fixture(scope="module")
 def failure() -> dict[str, Any]:
-    """A real drive that ends in a contact, as a row of `episodes` with the way it took."""
-    task = with_overrides(TaskConfig(), ["lidar.caster=embree"])
+    """A real drive that runs out of time, as a row of `episodes` with the way it took."""
+    task = with_overrides(TaskConfig(), ["lidar.caster=embree", BRIEF.removeprefix("task.")])
     world = load_world("track_2")
     drive = Drive(task, world)
     record = run_episode(drive, load_agent("random", task), 0, 1)
@@ -108,7 +123,7 @@ def test_what_nobody_drove_is_marked_and_not_filled_in(folder):
 
 def test_the_notes_are_included_and_can_fetch_or_run_nothing(folder):
     page = (folder / "report.html").read_text()
-    assert "It <em>depends</em>." in page and "<script" not in page and 'example.invalid/x.png"' not in page
+    assert "It <em>depends</em>." in page and "<script" not in page and 'src="http' not in page
 
 
 def test_the_markdown_says_the_same_and_its_pictures_are_there(folder, tmp_path):
@@ -118,15 +133,15 @@ def test_the_markdown_says_the_same_and_its_pictures_are_there(folder, tmp_path)
     assert sorted(tmp_path / name for name in pictures) == sorted(written[1:])
     page = (folder / "report.html").read_text()
     headings = re.findall(r"^#{2,4} (.+)$", text, re.MULTILINE)
-    assert len(headings) > 15 and all(f">{heading}</h" in page for heading in headings)
+    assert len(headings) > 15 and all(f">{escape(heading)}</h" in page for heading in headings)
     links = re.findall(r"\]\(#([^)]+)\)", text)
     named = {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
     assert links and set(links) <= named
 
 
 def test_every_replay_command_drives_what_the_record_says(made, failure, tmp_path):
-    commands = replay_commands(atlas_section(Evidence(made), read_manifest()))
-    assert len(commands) == 1
+    commands = replay_commands(atlas_section(Evidence(made), MANIFEST))
+    assert len(commands) == 1 and BRIEF in commands[0]
     for i, command in enumerate(commands):
         _, *words = shlex.split(command)
         done = subprocess.run(
@@ -169,7 +184,7 @@ def test_the_page_needs_nothing_else_in_a_browser(chromium, folder, width):
     chromium.execute_script("document.querySelectorAll('details').forEach(each => { each.open = true; })")
     seen = "return [...document.images].map(at => [at.alt, at.complete && at.naturalWidth > 0, at.clientWidth > 50])"
     images = chromium.execute_script(seen)
-    assert len(images) > 8 and all(alt and there and shown for alt, there, shown in images), images
+    assert len(images) >= 8 and all(alt and there and shown for alt, there, shown in images), images
     assert chromium.execute_script("return document.documentElement.scrollWidth") <= width
     assert [entry for entry in chromium.get_log("browser") if entry["level"] == "SEVERE"] == []
     sent = [json.loads(entry["message"])["message"] for entry in chromium.get_log("performance")]
