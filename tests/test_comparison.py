@@ -127,7 +127,26 @@ def test_killed_twice_it_goes_on_loses_one_cell_and_drives_nothing_finished_agai
     assert {row["reversals"] for row in on_set} == {5} and all(row["min_gap_m"] is None for row in on_set)
     assert all(2 <= len(row["x"]) == len(row["y"]) <= 64 for row in tables["paths"].to_pylist())
     (trained,) = tables["runs"].to_pylist()
-    assert trained["state"] == "complete" and trained["episodes"] == 8 and str(tiny) not in trained["command"]
+    assert trained["state"] == "complete" and trained["episodes"] == 8
+    assert trained["command"].startswith(
+        "zebrat sweep --algos ddpg --rewards ft --seeds 0 --preset paper --set episodes=8"
+    )
+    assert trained["command"].endswith("--out runs/comparison/training/short")
+
+
+def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_with_its_own_command(tmp_path: Path):
+    here = Place(manifest=read_manifest(SHIPPED), budget="smoke", out=tmp_path, checkout=ROOT)
+    tables = gather(here)
+    rows = {row["run"]: row for row in tables["runs"].to_pylist()}
+    kept = rows["paper-fomt/ddpg-fomt-big_track-seed4"]
+    assert kept["command"] == (
+        "zebrat sweep --algos ddpg --rewards fomt --seeds 4 --preset paper --out runs/comparison/training/paper-fomt"
+    )
+    assert (kept["state"], kept["episodes"], kept["steps"]) == ("complete", 1000, 290648)  # docs/learning.md
+    assert rows["paper-smoke/ddpg-wg-big_track-seed0"]["state"] == "missing"
+    curve = [row for row in tables["learning"].to_pylist() if row["run"] == kept["run"]]
+    assert sum(row["best_return"] is not None for row in curve) == 50
+    assert tables["collisions"].num_rows > 0 and tables["episodes"].num_rows == 0
 
 
 @pytest.mark.parametrize(
@@ -218,8 +237,8 @@ def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
     here = place(tiny)
     planned: list[Step] = steps(here)
     said = forecast(here, planned, planned, SPEED)
-    # 8 episodes of 40 steps at most, at 50 steps a second, are 6.4 s.
-    assert "training short: 1 step, about 0.1 min" in said
+    # 8 episodes of 40 steps at most, at 50 steps a second, are 6.4 s; and 4 s until it begins.
+    assert "training short: 1 step, about 0.2 min" in said
     assert "1 of 2 seeds" in said
     slow = forecast(here, planned, planned, SPEED | {"train ddpg, PyBullet": 0.05})
     assert "training short: 1 step, about 107 min" in slow
@@ -254,6 +273,10 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
             assert (ROOT / policy).is_file()
         if training.study == "scale":
             assert all(config.steps == 10_000_000 for config in here.runs(name).values()) or budget == "smoke"
+    if budget == "laptop":  # it judges nothing that it neither trains nor keeps
+        judged = {cell.training for cell in cells(here.manifest, budget)} - {""}
+        assert all(name in here.plan.trainings or here.manifest.trainings[name].policies for name in judged)
+        assert "finetuning-fomt" not in judged
     finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
     assert ("train paper-fomt" in finished) == (budget == "laptop")
 

@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zebrat_bullet.assets import list_assets
+from zebrat_bullet.assets import find_asset, list_assets
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import LidarConfig, TaskConfig
-from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
+from zebrat_bullet.errors import AssetError, ConfigError, PolicyError, ZebratError
 from zebrat_bullet.evaluation.endings import Endings
 from zebrat_bullet.evaluation.generated import tracks_score
 from zebrat_bullet.evaluation.held_out import SetJudgement, _score, judge_set
 from zebrat_bullet.evaluation.make_set import Recipe, make_set
+from zebrat_bullet.evaluation.set_episodes import load_set_episodes, save_set_episodes, set_episodes
 from zebrat_bullet.evaluation.track_set import FOLDER, SetTrack, TrackSet, draw_set, read_set
 from zebrat_bullet.planning.certify import certify
 from zebrat_bullet.report.held_out import set_table
@@ -159,3 +160,44 @@ def test_the_command_line_judges_on_a_set(
     assert answer["shipped"]["sha256"] == made.sha256 and answer["shipped"]["overall"]["tracks"] == 4
     assert json.loads((tmp_path / "scores.json").read_text()) == answer
     assert "corners (" in (tmp_path / "table.md").read_text()
+
+
+def test_every_episode_on_a_set_is_kept_with_the_facts_of_its_track(
+    folder: Path, made: TrackSet, tmp_path: Path
+) -> None:
+    twin = tmp_path / "other" / "shipped.safetensors"
+    twin.parent.mkdir()
+    twin.write_bytes(find_asset("policies", "shipped", ".safetensors").read_bytes())
+    agents = ["shipped", str(twin)]  # of the same name as files
+    asked = ["evaluate", "--agent", *agents, "--set", str(folder / f"{made.name}.json"), "--episodes", "2", "--quiet"]
+    assert main([*asked, "--workers", "1", "--out", str(tmp_path / "out")]) == 0
+    kept = [load_set_episodes(path) for path in sorted((tmp_path / "out").glob("episodes-*.npz"))]
+    assert {at.agent for at in kept} == set(agents)
+    scores = json.loads((tmp_path / "out" / "scores.json").read_text())
+    for at in kept:
+        assert at.outcome.shape == at.time_s.shape == at.n_reversals.shape == (len(made.tracks), 2)
+        assert (at.outcome == "success").sum(axis=1).tolist() == scores[at.agent]["overall"]["by_track"]
+        facts = list(zip(at.family, at.track_seed, at.difficulty, at.reversals, strict=True))
+        assert facts == [(track.family, track.seed, track.difficulty, track.reversals) for track in made.tracks]
+        assert at.set == made.name and at.sim == "planar"
+
+
+def test_episodes_that_do_not_fit_together_are_refused_by_name(tmp_path: Path) -> None:
+    tracks = [
+        SetTrack(
+            family="corners",
+            seed=HELD_OUT_SEED,
+            difficulty=0.5,
+            reversals=0,
+            clearance_m=0.1,
+            length_m=9.0,
+            least_time_s=15.0,
+        )
+    ]
+    endings = Endings(np.array([[1, 2]], np.int8), np.array([[15.2, 8.0]]), np.array([[0, 3]]))
+    whole = set_episodes("shipped", "corners", "planar", 0, tracks, endings)
+    save_set_episodes(replace(whole, time_s=np.zeros((1, 3))), tmp_path / "bad.npz")
+    with pytest.raises(ZebratError, match=r"bad\.npz: holds no episodes of a set .*time_s"):
+        load_set_episodes(tmp_path / "bad.npz")
+    save_set_episodes(whole, tmp_path / "good.npz")
+    assert load_set_episodes(tmp_path / "good.npz").n_reversals.tolist() == [[0, 3]]

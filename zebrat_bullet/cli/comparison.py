@@ -1,7 +1,6 @@
 """The commands of the paper's comparison: run it, report on it."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,19 +23,21 @@ def reproduce(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.comparison.policies import OUT, Place
     from zebrat_bullet.comparison.run import run_steps
     from zebrat_bullet.comparison.steps import steps
-    from zebrat_bullet.comparison.tables import read_tables, write_tables
+    from zebrat_bullet.comparison.tables import read_tables, table_of, write_tables
 
+    table_of("runs", ())  # a library that is missing is told before hours of driving
     manifest = read_manifest(arguments.manifest or SHIPPED)
     out = (arguments.out or OUT).resolve()
     place = Place(manifest=manifest, budget=arguments.budget, out=out, checkout=Path.cwd())
     planned = _chosen(steps(place, arguments.ray), arguments.only)
     if not arguments.gather:
         to_do = [step for step in planned if not step.is_done()]
-        speed = measure(place, to_do) if to_do else {}
-        print(forecast(place, planned, to_do, speed), file=sys.stderr, flush=True)
+        note(arguments, f"measuring what {len(to_do)} steps are made of" if to_do else "all steps are done")
+        said = forecast(place, planned, to_do, measure(place, to_do))
         if arguments.plan:
-            result: dict[str, object] = {"steps": [at.name for at in planned], "to_do": [at.name for at in to_do]}
-            return result, f"{len(to_do)} of {len(planned)} steps are to do; nothing was run"
+            names: dict[str, object] = {"steps": [at.name for at in planned], "to_do": [at.name for at in to_do]}
+            return names | {"forecast": said}, said
+        note(arguments, said)
 
     def on_step(number: int, step: "Step", what: str) -> None:
         if what != "done before":
@@ -46,12 +47,12 @@ def reproduce(arguments: argparse.Namespace) -> Result:
     tables = out / "tables" / arguments.budget
     write_tables(gather(place), tables)
     rows = {name: len(table) for name, table in read_tables(tables).items()}
-    result = {"folder": str(out), "tables": str(tables), "rows": rows, "failed": failed}
+    result: dict[str, object] = {"folder": str(out), "tables": str(tables), "rows": rows, "failed": failed}
     text = f"{', '.join(f'{n} {name}' for name, n in rows.items())}: {tables}"
     if failed:
-        said = "\n".join(f"{name}: {why}" for name, why in failed.items())
+        whole = "\n".join(f"{name}: {why}" for name, why in failed.items())
         raise PartialResultError(
-            f"{len(failed)} of {len(planned)} steps failed; the same command tries them again\n{said}", (result, text)
+            f"{len(failed)} of {len(planned)} steps failed; the same command tries them again\n{whole}", (result, text)
         )
     return result, text
 

@@ -84,7 +84,7 @@ def _seconds(place: Place, step: Step, speed: Mapping[str, float]) -> float | No
         done = reached(run, config).get("steps", 0)
         each.append(max(_steps(place, step.training, config) - done, 0) / rate)
         at_once = max(cores // cores_of(config), 1)
-    return max(sum(each) / at_once, *each, 0.0)
+    return max(sum(each) / at_once, *each, 0.0) + speed.get(START, 0.0) * ceil(len(each) / at_once)
 
 
 def _steps(place: Place, training: str, config: TrainConfig) -> float:

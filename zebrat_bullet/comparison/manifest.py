@@ -221,7 +221,7 @@ class Cell:
     Attributes:
         judgement: its name in the manifest.
         method, setting, study, sim, place, noise: as in the table.
-        episodes: wanted, all tracks of a set together counted once.
+        episodes: wanted in the world, or in each track of the set.
         training: name; "" of drivers.
         algorithm, reward: of the training; "" of drivers.
         seed: of the training's run; None for the best of all, and of drivers.

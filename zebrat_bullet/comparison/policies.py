@@ -107,7 +107,9 @@ class Place:
         kept = self.checkout / training.kept
         if not kept.exists():
             where = f"trainings.{name}.kept"
-            raise ConfigError(f"{where} names {training.kept}, which is not there; correct it in the manifest")
+            raise ConfigError(
+                f"{where} names {training.kept}, which is not there; run it in the checkout, or correct the name"
+            )
         with as_folder(kept) as folder:
             yield {run: min((run, folder / run.name), key=_how_far) for run in runs}
 

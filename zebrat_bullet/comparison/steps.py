@@ -111,10 +111,10 @@ class Collisions:
         return f"collisions, {self.what.events} contacts"
 
     def is_done(self) -> bool:
-        """Return whether the study of at least so many contacts has left its last picture."""
+        """Return whether the study of at least so many contacts has left its tables, the last of which is table.md."""
         rows = read_rows(self.folder / CASES)
         base = [int(float(row["contacts"])) for row in rows if row["panel"] == "base"]
-        return bool(base) and min(base) >= self.what.events and is_file(self.folder / "sweeps.png")
+        return bool(base) and min(base) >= self.what.events and is_file(self.folder / "table.md")
 
     def command(self) -> list[str]:
         """Return the study, which goes on from the drives that it has."""
