@@ -1,4 +1,4 @@
-"""The command that runs the paper's whole comparison."""
+"""The commands of the paper's comparison: run it, report on it."""
 
 import argparse
 from pathlib import Path
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from zebrat_bullet.comparison.steps import Step
 
 _SHOWN = 5
+_RECORDS = Path("docs") / "results" / "comparison"
 
 
 def reproduce(arguments: argparse.Namespace) -> Result:
@@ -67,8 +68,24 @@ def _chosen(planned: "list[Step]", only: list[str] | None) -> "list[Step]":
     return chosen
 
 
+def report(arguments: argparse.Namespace) -> Result:
+    """Write the report on the comparison from its tables of records: one HTML file, or Markdown with its pictures."""
+    from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
+    from zebrat_bullet.report.comparison import build_report
+
+    out = arguments.out or Path("results") / "report.html"
+    written = build_report(arguments.records, out, read_manifest(arguments.manifest or SHIPPED))
+    size_mb = sum(path.stat().st_size for path in written) / 1e6
+    pictures = f" and {len(written) - 1} pictures" if len(written) > 1 else ""
+    return {
+        "report": str(out),
+        "files": len(written),
+        "size_mb": round(size_mb, 3),
+    }, f"{out}{pictures}: {size_mb:.1f} MB"
+
+
 def add(command: AddCommand) -> None:
-    """Add the command of this file."""
+    """Add the commands of this file."""
     made = command(reproduce)
     made.add_argument("--budget", default="smoke", metavar="NAME", help="smoke, laptop or paper (default smoke)")
     made.add_argument("--manifest", type=Path, metavar="YAML", help="another manifest than the shipped one")
@@ -82,4 +99,19 @@ def add(command: AddCommand) -> None:
     made.add_argument("--gather", action="store_true", help="run nothing: only make the tables of what there is")
     made.add_argument(
         "--ray", metavar="ADDRESS", help="train on this Ray cluster; --out must be on storage its nodes share"
+    )
+
+    made = command(report)
+    made.add_argument(
+        "--records",
+        type=Path,
+        default=_RECORDS,
+        metavar="FOLDER",
+        help="the five tables, and notes.md with what was learned, if there is one (default docs/results/comparison)",
+    )
+    made.add_argument(
+        "--manifest",
+        type=Path,
+        metavar="YAML",
+        help="what was to be driven: what of it is not, is marked (default: all)",
     )

@@ -44,7 +44,7 @@ class Curve:
     band: Band
 
 
-def _band(x: NDArray[np.float64], values: Sequence[NDArray[np.float64]]) -> Band:
+def band(x: NDArray[np.float64], values: Sequence[NDArray[np.float64]]) -> Band:
     """Return mean and spread of one (G,) curve a seed, NaN where that seed has no value."""
     curves = np.array(values)
     has = np.isfinite(curves)
@@ -91,7 +91,7 @@ def training_curve(groups: Sequence[RunGroup]) -> list[Curve]:
         of_seeds = [_best_of_blocks(run) for run in group.runs]
         ends = max((x for x, _ in of_seeds), key=len)
         padded = [np.pad(best, (0, len(ends) - len(best)), constant_values=np.nan) for _, best in of_seeds]
-        curves.append(Curve(group, f"best return in {BLOCK} episodes", _band(ends, padded)))
+        curves.append(Curve(group, f"best return in {BLOCK} episodes", band(ends, padded)))
     return curves
 
 
@@ -114,7 +114,7 @@ def progress(groups: Sequence[RunGroup], axis: Literal["steps", "hours"]) -> lis
             )
             for name, (x, y) in zip(PROGRESS, known, strict=True):
                 of_seeds[name].append(at_grid(x, y, grid, _end(run, column)))
-        curves += [Curve(group, name, _band(grid / unit, values)) for name, values in of_seeds.items()]
+        curves += [Curve(group, name, band(grid / unit, values)) for name, values in of_seeds.items()]
     return curves
 
 

@@ -40,7 +40,7 @@ def draw_worlds(worlds: Sequence[World], path: Path, footprint: NDArray[np.float
     axes.axis("off")
     for world, (left, top) in zip(worlds, corners, strict=True):
         low_x, _, _, high_y = _bounds(world)
-        _draw_track(axes, world, footprint, np.array([left - low_x, top - _TITLE_M - high_y]))
+        draw_track(axes, world, footprint, np.array([left - low_x, top - _TITLE_M - high_y]))
         _draw_title(axes, world, left, top)
     _draw_scale_bar(axes, width)
     figure.savefig(path, dpi=150)
@@ -97,7 +97,8 @@ def _shelves(
     return corners, right, shelf_depth - y
 
 
-def _draw_track(axes: Axes, world: World, footprint: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
+def draw_track(axes: Axes, world: World, footprint: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
+    """Draw one track, moved by a (2,) shift in m: walls, the way out, and a car of this (K, 2) outline at its start."""
     if world.open_line is not None:
         axes.add_patch(patch(world.free_space, shift, facecolor=_FLOOR))
     for wall in world.walls.geoms:

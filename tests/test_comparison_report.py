@@ -1,0 +1,196 @@
+"""The report on the comparison: one page that needs nothing else, the same bytes from the same tables."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from comparison_tables import counts, everyone, run, tables
+from selenium import webdriver
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.comparison.manifest import Driver, Judgement, Manifest, read_manifest
+from zebrat_bullet.comparison.tables import write_tables
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import with_overrides
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.report.comparison.build import build_report
+from zebrat_bullet.report.comparison.evidence import Evidence
+from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.world import load_world
+
+ZEBRAT = [sys.executable, "-c", "import sys; from zebrat_bullet.cli.main import main; sys.exit(main())"]
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--window-size=1200,800"),
+)
+needs_chromium = pytest.mark.skipif(
+    not (shutil.which("chromium") and shutil.which("chromedriver")),
+    reason="needs Chromium: apt-get install chromium chromium-driver",
+)
+BRIEF = "task.episode.max_steps=4"
+"""A film of few pictures is soon drawn."""
+MANIFEST = Manifest(
+    trainings={},
+    judgements={
+        "brief": Judgement(
+            drivers=(Driver(method="RL_FT", agent="random", study="paper"),),
+            worlds=("track_2",),
+            episodes=2,
+            options=("--caster", "embree", "--set", BRIEF),
+        )
+    },
+    budgets={},
+)
+NOTES = "# Why\n\nIt *depends*. <script>alert(1)</script> ![x](http://example.invalid/x.png)\n"
+
+
+@pytest.fixture(scope="module")
+def failure() -> dict[str, Any]:
+    """A real drive that runs out of time, as a row of `episodes` with the way it took."""
+    task = with_overrides(TaskConfig(), ["lidar.caster=embree", BRIEF.removeprefix("task.")])
+    world = load_world("track_2")
+    drive = Drive(task, world)
+    record = run_episode(drive, load_agent("random", task), 0, 1)
+    drive.close()
+    start, end = record.pose[0], record.pose[-1]
+    return {
+        **{"agent": "random", "method": "RL_FT", "setting": "", "study": "paper", "sim": "bullet", "place": "track_2"},
+        **{"seed": 0, "episode": 1, "noise": "", "outcome": record.outcome, "duration_s": record.duration_s},
+        **{"n_reversals": 1, **dict(zip(("x0", "y0", "yaw0"), start.tolist(), strict=True))},
+        **dict(zip(("x1", "y1", "yaw1"), end.tolist(), strict=True)),
+        **{"x": record.pose[:64, 0].tolist(), "y": record.pose[:64, 1].tolist()},
+    }
+
+
+@pytest.fixture(scope="module")
+def made(failure: dict[str, Any]) -> dict[str, Any]:
+    others = [row for row in everyone(2) if (row["method"], row["place"]) != ("RL_FT", "track_2")]
+    runs = [run(f"{algo}-{seed}", algo, seed=seed) for algo in ("ddpg", "sac") for seed in range(3)]
+    learning = [
+        {"run": one["run"], "episode": 20 * i, "total_steps": 900 * i, "best_return": float(np.sin(i))}
+        for one in runs
+        for i in range(1, 6)
+    ]
+    collisions = [counts("sr", 900), counts("firect", 700), counts("fifr", 600)]
+    rows = [*others, failure]
+    return tables(runs=runs, learning=learning, episodes=rows, paths=[failure], collisions=collisions)
+
+
+@pytest.fixture(scope="module")
+def folder(made: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tables and the page of them."""
+    folder = tmp_path_factory.mktemp("comparison")
+    write_tables(made, folder)
+    (folder / "notes.md").write_text(NOTES)
+    build_report(folder, folder / "report.html", read_manifest())
+    return folder
+
+
+def test_the_command_writes_the_same_bytes_again(folder):
+    again = folder / "again.html"
+    command = [*ZEBRAT, "report", "--records", str(folder), "--out", str(again), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["files"] == 1
+    assert again.read_bytes() == (folder / "report.html").read_bytes()
+
+
+def test_a_changed_record_changes_the_page(folder, made, tmp_path):
+    changed = made["episodes"].to_pylist()
+    changed[0]["outcome"] = "collision"
+    write_tables(made | {"episodes": tables(episodes=changed)["episodes"]}, tmp_path)
+    build_report(tmp_path, tmp_path / "report.html", read_manifest())
+    assert (tmp_path / "report.html").read_bytes() != (folder / "report.html").read_bytes()
+
+
+def test_what_nobody_drove_is_marked_and_not_filled_in(folder):
+    page = (folder / "report.html").read_text()
+    row = re.search(r"<th scope=\"row\">RL_FOMT</th>(.*?)</tr>", page).group(1)
+    first = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    assert first[0] == "not driven" and "100 %" in first[1]  # big_track is asked for, track_1 was driven
+    assert "0 of 25 runs" not in page and re.search(r"planners and imitators</strong>: \d+ of \d+ cells driven", page)
+
+
+def test_the_notes_are_included_and_can_fetch_or_run_nothing(folder):
+    page = (folder / "report.html").read_text()
+    assert "It <em>depends</em>." in page and "<script" not in page and 'src="http' not in page
+
+
+def test_the_markdown_says_the_same_and_its_pictures_are_there(folder, tmp_path):
+    written = build_report(folder, tmp_path / "report.md", read_manifest())
+    text = (tmp_path / "report.md").read_text()
+    pictures = re.findall(r"!\[[^\]]*\]\((report_pictures/[^)]+)\)", text)
+    assert sorted(tmp_path / name for name in pictures) == sorted(written[1:])
+    page = (folder / "report.html").read_text()
+    headings = re.findall(r"^#{2,4} (.+)$", text, re.MULTILINE)
+    assert len(headings) > 15 and all(f">{escape(heading)}</h" in page for heading in headings)
+    links = re.findall(r"\]\(#([^)]+)\)", text)
+    named = {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+    assert links and set(links) <= named
+
+
+def test_every_replay_command_drives_what_the_record_says(made, failure, tmp_path):
+    commands = replay_commands(atlas_section(Evidence(made), MANIFEST))
+    assert len(commands) == 1 and BRIEF in commands[0]
+    for i, command in enumerate(commands):
+        _, *words = shlex.split(command)
+        done = subprocess.run(
+            [*ZEBRAT, *words, "--json", "--quiet", "--out", str(tmp_path / f"{i}.mp4")], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        said = json.loads(done.stdout)
+        assert (said["outcome"], said["duration_s"]) == (failure["outcome"], failure["duration_s"])
+        assert Path(said["video"]).stat().st_size > 10_000
+
+
+def test_another_ending_or_a_missing_table_is_refused(folder, tmp_path):
+    with pytest.raises(ConfigError, match=r"\.html or \.md; got 'report.pdf'"):
+        build_report(folder, tmp_path / "report.pdf", read_manifest())
+    with pytest.raises(ConfigError, match="no such file"):
+        build_report(tmp_path, tmp_path / "report.html", read_manifest())
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    browser = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
+    yield browser
+    browser.quit()
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [360, 1200])
+def test_the_page_needs_nothing_else_in_a_browser(chromium, folder, width):
+    metrics = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+    chromium.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    chromium.get("about:blank")
+    chromium.get_log("performance")
+    url = (folder / "report.html").as_uri()
+    chromium.get(url)
+    chromium.execute_script("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    seen = "return [...document.images].map(at => [at.alt, at.complete && at.naturalWidth > 0, at.clientWidth > 50])"
+    images = chromium.execute_script(seen)
+    assert len(images) >= 8 and all(alt and there and shown for alt, there, shown in images), images
+    assert chromium.execute_script("return document.documentElement.scrollWidth") <= width
+    assert [entry for entry in chromium.get_log("browser") if entry["level"] == "SEVERE"] == []
+    sent = [json.loads(entry["message"])["message"] for entry in chromium.get_log("performance")]
+    asked = {at["params"]["request"]["url"] for at in sent if at["method"] == "Network.requestWillBeSent"}
+    assert {address for address in asked if not address.startswith("data:")} == {url}
+    links = (
+        "return [...document.querySelectorAll('nav a')].filter(a => !document.getElementById(a.hash.slice(1))).length"
+    )
+    assert chromium.execute_script(links) == 0

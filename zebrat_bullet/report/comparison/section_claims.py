@@ -1,0 +1,51 @@
+"""The claims of the paper and what became of each."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from zebrat_bullet.report.comparison.claims import CLAIMS
+from zebrat_bullet.report.comparison.document import Cell, Grid, Kind, Section, Text
+from zebrat_bullet.report.comparison.evidence import Evidence
+from zebrat_bullet.report.comparison.rules import RULE, Finding, Verdict
+from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS
+
+_KINDS: dict[Verdict, Kind] = {Verdict.UPHELD: "good", Verdict.NOT_UPHELD: "bad", Verdict.UNDECIDED: "open"}
+TITLE = "Claims of the paper"
+
+
+def claims_section(evidence: Evidence) -> tuple[Section, str]:
+    """Return the section, and its sum in a sentence."""
+    found = [claim.findings(evidence) for claim in CLAIMS]
+    rows = tuple(
+        (f"{claim.said} ({claim.place})", *_cells(paper), *_cells(scale))
+        for claim, (paper, scale) in zip(CLAIMS, found, strict=True)
+    )
+    head = ("claim", "paper's budget", "evidence at the paper's budget", "at scale, fairer rivals", "evidence there")
+    rules = tuple((claim.said, claim.how) for claim in CLAIMS)
+    how = Section(
+        "How each claim is decided",
+        (
+            Text(
+                f"{RULE}\n\nDifferences of rates are over episodes with Newcombe's interval; at scale, where at least "
+                f"{ENOUGH_SEEDS} seeds of both sets were judged, they are of interquartile means over seeds, with "
+                "bootstrap intervals. The rules are code and see the tables only; verdicts change when the tables do. "
+                "Place names are those of the paper's sections and figures."
+            ),
+            Grid(("claim", "what is compared"), rules, wordy=True),
+        ),
+        folded=True,
+    )
+    paper, scale = (_sum(findings) for findings in zip(*found, strict=True))
+    lead = f"At the paper's budget: {paper}. At scale and with fairer rivals: {scale}."
+    return Section(TITLE, (Text(lead), Grid(head, rows, wordy=True)), (how,)), lead
+
+
+def _cells(finding: Finding) -> tuple[Cell, str]:
+    if not finding.driven:
+        return Cell("undecided", "missing"), finding.evidence
+    return Cell(str(finding.verdict), _KINDS[finding.verdict]), finding.evidence
+
+
+def _sum(findings: Sequence[Finding]) -> str:
+    counts = Counter(finding.verdict for finding in findings)
+    return f"of {len(findings)} claims " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)

@@ -1,0 +1,155 @@
+"""Success, fails and collisions by method and track, the ablation of O and M, and the paired tests."""
+
+from collections.abc import Sequence
+
+from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Kind, Picture, Row, Section, Text
+from zebrat_bullet.report.comparison.evidence import (
+    METHODS,
+    OURS,
+    TRACKS,
+    Drive,
+    Evidence,
+    Scope,
+    collided,
+    failed,
+    rate,
+)
+from zebrat_bullet.report.comparison.figures import draw_outcomes
+from zebrat_bullet.report.comparison.rules import mean_time_s
+from zebrat_bullet.report.comparison.statistics import LEVEL, Paired, holm, paired_test
+
+WORLDS = ("big_track", *TRACKS)
+ABLATION = ("RL_FT", "RL_FOT", "RL_FMT", "RL_FOMT")
+BETTER, WORSE = "▲", "▼"
+_MISSING = Cell("not driven", "missing")
+
+
+def evaluation_section(evidence: Evidence) -> Section:
+    """Return the section on the paper's evaluation (IV-C) at its own budget."""
+    said = Text(
+        "**The paper**: seven methods on eight tracks, learned ones 70 episodes each, map-based ones 15 for each "
+        "dilation radius, the better radius shown. Its rates by track are only in a picture (Fig. 6a); in its text, "
+        "RL_FOMT has the highest success in most tracks with a lower time cost. **Ours**: the same counts. Of five "
+        "seeds the policy that does best in its own evaluations drives, of two radii the better one in each track."
+    )
+    blocks: list[Block] = [said, *comparison_blocks(evidence, "paper", METHODS, "evaluation")]
+    return Section("Evaluation in the tracks", tuple(blocks), (_tests(evidence),))
+
+
+def ablation_section(evidence: Evidence) -> Section:
+    """Return the section on the ablation of O and M (paper, Fig. 6b), at both budgets."""
+    said = Text(
+        "**The paper**: RL_FT has the highest fail and collision rate; O makes RL_FOT collide less and teaches backing "
+        "up; only M carries Tracks 4 and 8, where RL_FT and RL_FOT both fail. Its numbers are only in a picture (Fig. "
+        "6b). **Ours**: all eight tracks together."
+    )
+    parts = {}
+    for scope, title in (("paper", "the paper's budget"), ("scale", "at scale")):
+        parts[title] = {name: evidence.pool(scope, name, TRACKS) for name in ABLATION}  # type: ignore[arg-type]
+    head = ("budget", "set", "episodes", "success (95 %)", "fail", "collision", "reversed and left", "Tracks 4 and 8")
+    rows: list[Row] = []
+    for title, of_method in parts.items():
+        for name, drives in of_method.items():
+            rows.append((title, name, *_ablation_cells(drives)))
+    picture = Picture(
+        "ablation", draw_outcomes(parts, 1), "Outcomes of the ablations at both budgets, eight tracks together"
+    )
+    return Section("Ablation of O and M", (said, picture, Grid(head, tuple(rows))))
+
+
+def _ablation_cells(drives: Sequence[Drive]) -> tuple[Cell, ...]:
+    if not drives:
+        return (_MISSING,) * 6
+    at = rate(drives)
+    backed = rate(drives, lambda drive: drive.success and drive.n_reversals > 0)
+    features = rate([drive for drive in drives if drive.place in ("track_4", "track_8")])
+    shares = (f"{each.share:.0%}" for each in (rate(drives, failed), rate(drives, collided), backed, features))
+    return tuple(Cell(text, "number") for text in (str(at.n), _with_interval(drives), *shares))
+
+
+def comparison_blocks(evidence: Evidence, scope: Scope, methods: Sequence[str], name: str) -> list[Block]:
+    """Return a figure of outcomes, a table of success and one of the rest, a row a method and a column a world."""
+    drives = {place: {method: evidence.shown(scope, method, place) for method in methods} for place in WORLDS}
+    if not any(of for at in drives.values() for of in at.values()):
+        return [Text("*Not driven at this budget.*")]
+    marks = _marks(evidence, scope, methods)
+    tracks = {place: drives[place] for place in TRACKS}
+    success: list[Row] = []
+    rest: list[Row] = []
+    for method in methods:
+        success.append((method, *(_success(drives[place][method], marks.get((method, place), "")) for place in WORLDS)))
+        rest.append((method, *(_rest(drives[place][method]) for place in WORLDS)))
+    head = ("method", *WORLDS)
+    note = (
+        f"Success with its 95 % Wilson interval. {BETTER} better, {WORSE} worse than RL_FOMT on the same starts: "
+        f"McNemar's exact test, Holm-corrected over all methods and tracks of this table, p < {LEVEL:g}."
+    )
+    return [
+        Picture(f"{name}_outcomes", draw_outcomes(tracks), "Success, fails and collisions by method and track"),
+        Grid(head, tuple(success), note),
+        Grid(head, tuple(rest), "Fails / collisions in %, mean time of the successes."),
+    ]
+
+
+def _success(drives: Sequence[Drive], mark: str) -> Cell:
+    if not drives:
+        return _MISSING
+    kind: Kind = "good" if mark == BETTER else "bad" if mark == WORSE else ""
+    return Cell(f"{_with_interval(drives)}{f' {mark}' if mark else ''}", kind)
+
+
+def _with_interval(drives: Sequence[Drive]) -> str:
+    at = rate(drives)
+    low, high = at.interval
+    return f"**{100 * at.share:.0f} %** {100 * low:.0f}-{100 * high:.0f}"
+
+
+def _rest(drives: Sequence[Drive]) -> Cell:
+    if not drives:
+        return _MISSING
+    time_s = mean_time_s(drives)
+    said = f"{100 * rate(drives, failed).share:.0f} / {100 * rate(drives, collided).share:.0f}"
+    return Cell(said + (f", {time_s:.1f} s" if time_s is not None else ""))
+
+
+def _pairs(evidence: Evidence, scope: Scope, method: str, places: Sequence[str]) -> Paired | None:
+    one, other = ([d for place in places for d in evidence.shown(scope, name, place)] for name in (method, OURS))
+    if not one or not other:
+        return None
+    return paired_test({d.start: d.success for d in one}, {d.start: d.success for d in other})
+
+
+def _marks(evidence: Evidence, scope: Scope, methods: Sequence[str]) -> dict[tuple[str, str], str]:
+    tests = {}
+    for method in methods:
+        for place in WORLDS:
+            if method != OURS and (test := _pairs(evidence, scope, method, (place,))) and test.n:
+                tests[method, place] = test
+    corrected = holm([test.p for test in tests.values()])
+    marks = {}
+    for (key, test), p in zip(tests.items(), corrected, strict=True):
+        if p < LEVEL:
+            marks[key] = BETTER if test.better > test.worse else WORSE
+    return marks
+
+
+def _tests(evidence: Evidence) -> Section:
+    """Return each method against RL_FOMT over all tracks, on the same starts."""
+    rows: list[Row] = []
+    for scope, title in (("paper", "the paper's budget"), ("scale", "at scale, fairer rivals")):
+        names = [name for name in (*METHODS, "RL_FMT", "shipped", "allround") if name != OURS]
+        tests = {name: test for name in names if (test := _pairs(evidence, scope, name, TRACKS)) and test.n}  # type: ignore[arg-type]
+        corrected = holm([test.p for test in tests.values()])
+        for (name, test), p in zip(tests.items(), corrected, strict=True):
+            verdict = "no difference shown" if p >= LEVEL else "better" if test.better > test.worse else "worse"
+            kind: Kind = "" if p >= LEVEL else "good" if verdict == "better" else "bad"
+            numbers = (str(test.n), str(test.better), str(test.worse), f"{test.p:.2g}", f"{p:.2g}")
+            rows.append((title, name, *(Cell(text, "number") for text in numbers), Cell(verdict, kind)))
+    head = ("budget", "method", "same starts", "only it leaves", "only RL_FOMT leaves", "p", "p, Holm", "than RL_FOMT")
+    text = Text(
+        "McNemar's exact test over the starts of Tracks 1 to 8 that both drove, corrected over the methods of a "
+        "budget. It speaks of these policies on these tracks; what another seed would have learned is a question for "
+        "the intervals over seeds. Starts of one track resemble each other, so the p-values are on the small side."
+    )
+    grid = Grid(head, tuple(rows))
+    return Section("Paired tests against RL_FOMT", (text, grid if rows else Text("*Not driven at this budget.*")))

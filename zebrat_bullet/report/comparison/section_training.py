@@ -1,0 +1,140 @@
+"""The collision counts and the training curves, beside what the paper says of them."""
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from zebrat_bullet.report.comparison.document import Block, Grid, Picture, Section, Text
+from zebrat_bullet.report.comparison.evidence import Evidence
+from zebrat_bullet.report.comparison.figures import draw_bands, draw_counts, draw_intervals
+from zebrat_bullet.report.comparison.studies import REPRESENTATIONS, base_cases
+from zebrat_bullet.report.learning_curves import BLOCK, Band, at_grid, band
+from zebrat_bullet.report.learning_stats import estimates
+
+NOT_DRIVEN = Text("*Not driven at this budget.*")
+_GRID = 101
+
+
+def collision_section(evidence: Evidence) -> Section:
+    """Return the section on the state representations (paper, IV-A)."""
+    said = Text(
+        "**The paper**: SR detects 508 collisions on the big track, FIRect 407 (-19.88 %), FIFR 363 (-28.54 %) (Fig. "
+        "4c). It does not say when a collision counts as detected. **Ours** counts contacts with walls that let the "
+        "car pass on, reported by the first sweep after the contact (in time) or up to 1 s later."
+    )
+    drawn = draw_counts(evidence)
+    if drawn is None:
+        return Section("Collisions that are detected", (said, NOT_DRIVEN))
+    rows = []
+    for walls in ("ghost", "solid"):
+        for kind, row in base_cases(evidence, walls).items():
+            numbers = (row["detected"], row["within_1_s"], row["events"], row["false_alarms"])
+            rows.append((REPRESENTATIONS.get(kind, kind), walls, *("-" if n is None else f"{n:g}" for n in numbers)))
+    grid = Grid(("representation", "walls", "in time", "within 1 s", "contacts", "false alarms"), tuple(rows))
+    return Section(
+        "Collisions that are detected",
+        (said, Picture("collisions", drawn, "Detected collisions by representation, the paper's and ours"), grid),
+    )
+
+
+def curve_section(evidence: Evidence) -> Section:
+    """Return the section on the training curves (paper, IV-B)."""
+    said = Text(
+        f"**The paper** plots the best return of every {BLOCK} episodes, mean and spread of five seeds in 1,000 "
+        "episodes, and says that DDPG gets the highest. Its numbers are only in a picture. **Ours**, the same curve: "
+        "line mean, dark band standard deviation, light band least to greatest, both only where all seeds have a value."
+    )
+    blocks: list[Block] = [said]
+    for name, title, axis, column, keep, label in (
+        (
+            "curve_algorithms",
+            "Best return in 20 episodes, F O M T",
+            "best return in 20 episodes",
+            "best_return",
+            _fomt,
+            "algorithm",
+        ),
+        (
+            "curve_rewards",
+            "Success in noise-free evaluations, DDPG",
+            "success in evaluations",
+            "success",
+            _ddpg,
+            "reward",
+        ),
+        (
+            "curve_finetuning",
+            "Success in noise-free evaluations while fine-tuning",
+            "success in evaluations",
+            "success",
+            _finetuning,
+            "variant",
+        ),
+    ):
+        bands = learning_bands(evidence, column, keep, label)
+        if bands:
+            drawn = draw_bands(bands, "episode", axis)
+            blocks.append(Picture(name, drawn, title, title))
+    return Section("Training", tuple(blocks if len(blocks) > 1 else [*blocks, NOT_DRIVEN]), (_reached(evidence),))
+
+
+def _fomt(run: dict[str, Any]) -> bool:
+    return run["study"] == "paper" and run["reward"] == "fomt"
+
+
+def _ddpg(run: dict[str, Any]) -> bool:
+    return run["study"] == "paper" and run["algorithm"] == "ddpg"
+
+
+def _finetuning(run: dict[str, Any]) -> bool:
+    return run["study"] == "finetuning"
+
+
+def learning_bands(
+    evidence: Evidence, column: str, keep: Callable[[dict[str, Any]], bool], label: str
+) -> dict[str, Band]:
+    """Return a curve over episodes of each label of the runs to keep: the last value known at each of 101 episodes."""
+    rows: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for row in evidence.learning:
+        if row[column] is not None and row["episode"] is not None:
+            rows[row["run"]].append((float(row["episode"]), float(row[column])))
+    groups: dict[str, list[np.ndarray]] = defaultdict(list)
+    for run in evidence.runs:
+        if keep(run) and rows[run["run"]]:
+            name = run[label] if label != "variant" else f"{run['reward']} {run['variant'] or ''}".strip()
+            groups[name.upper()].append(np.array(sorted(rows[run["run"]])))
+    if not groups:
+        return {}
+    grid = np.linspace(0.0, max(at[-1, 0] for runs in groups.values() for at in runs), _GRID)
+    return {
+        name: band(grid, [at_grid(at[:, 0], at[:, 1], grid, at[-1, 0]) for at in runs])
+        for name, runs in sorted(groups.items())
+    }
+
+
+def _reached(evidence: Evidence) -> Section:
+    """Return what the best policies of all runs reach in their own evaluations, over seeds."""
+    values: dict[str, list[float]] = defaultdict(list)
+    for run in sorted(evidence.runs, key=lambda run: (run["study"], run["asked"] or "", run["run"])):
+        if run["best_success"] is not None:
+            parts = (run["algorithm"], run["reward"].upper(), run["variant"], f"({run['study']}, {run['asked']})")
+            values[" ".join(filter(None, parts))].append(run["best_success"])
+    title = "What the runs reach by themselves"
+    if not values:
+        return Section(title, (NOT_DRIVEN,))
+    rows = {name: (*_iqm(of_name), of_name) for name, of_name in values.items()}
+    caption = (
+        "Interquartile mean (dot) with its 95 % bootstrap interval over seeds (bar), and each seed (line): success of "
+        "a run's best policy in its own noise-free evaluations, on its training tracks. It is the best of many "
+        "evaluations, so it flatters all alike."
+    )
+    drawn = draw_intervals(rows, "success in own evaluations")
+    return Section(title, (Picture("reached", drawn, title, caption),))
+
+
+def _iqm(values: list[float]) -> tuple[float, float, float]:
+    at = estimates(values)
+    low, high = at["iqm_ci"] or (at["iqm"], at["iqm"])
+    return at["iqm"], low, high

@@ -1,0 +1,97 @@
+"""Rates, differences and tests: every number of the report that is not a count comes from here."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest, bootstrap
+
+from zebrat_bullet.evaluation.metrics import wilson_interval
+from zebrat_bullet.report.learning_stats import iqm
+
+LEVEL = 0.05
+"""Of every test."""
+ENOUGH_SEEDS = 3
+"""From so many runs of a set on, sets are compared over runs, else over episodes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """`k` of `n` episodes."""
+
+    k: int
+    n: int
+
+    @property
+    def share(self) -> float:
+        """Return k / n."""
+        return self.k / self.n
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return its 95 % Wilson interval."""
+        return wilson_interval(self.k, self.n)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.k} of {self.n} ({self.share:.0%}; {low:.0%}-{high:.0%})"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How much greater one value is than another, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def rate_difference(a: Rate, b: Rate) -> Difference:
+    """Return a - b with Newcombe's interval (1998, method 10): of two rates, from their Wilson intervals."""
+    (low_a, high_a), (low_b, high_b), d = a.interval, b.interval, a.share - b.share
+    low = d - np.hypot(a.share - low_a, high_b - b.share)
+    return Difference(d, float(low), float(d + np.hypot(high_a - a.share, b.share - low_b)))
+
+
+def seeds_difference(a: Sequence[float], b: Sequence[float]) -> Difference:
+    """Return the difference of two interquartile means over seeds, with its percentile bootstrap interval."""
+    x, y = np.array(a, dtype=float), np.array(b, dtype=float)
+    value = float(iqm(x) - iqm(y))
+    if np.ptp(x) == np.ptp(y) == 0.0:  # nothing to draw from
+        return Difference(value, value, value)
+    at = bootstrap((x, y), lambda x, y, axis=-1: iqm(x, axis) - iqm(y, axis), method="percentile", rng=0)
+    return Difference(value, float(at.confidence_interval.low), float(at.confidence_interval.high))
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """What two drivers made of the same starts.
+
+    Attributes:
+        n: starts that both had.
+        better, worse: starts at which only the one, only the other succeeded.
+        p: of McNemar's exact test, two-sided; 1 where they never differ.
+    """
+
+    n: int
+    better: int
+    worse: int
+    p: float
+
+
+def paired_test(one: Mapping[Hashable, bool], other: Mapping[Hashable, bool]) -> Paired:
+    """Return McNemar's exact test of success by start."""
+    both = one.keys() & other.keys()
+    better = sum(one[at] and not other[at] for at in both)
+    worse = sum(other[at] and not one[at] for at in both)
+    p = float(binomtest(better, better + worse).pvalue) if better + worse else 1.0
+    return Paired(len(both), better, worse, p)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return the p-values corrected for being many (Holm 1979), in their order."""
+    corrected, least = [0.0] * len(p_values), 0.0
+    for rank, i in enumerate(np.argsort(p_values, kind="stable")):
+        least = max(least, min(1.0, (len(p_values) - rank) * p_values[i]))
+        corrected[i] = least
+    return corrected

@@ -1,0 +1,136 @@
+"""Rules for what is not driven in tracks: the collision study, the training curves, the dilation radius."""
+
+from collections import defaultdict
+from typing import Any
+
+from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, collided, rate
+from zebrat_bullet.report.comparison.rules import NOT_DRIVEN, Finding, Rule, Verdict, of_difference, weakest
+from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Rate, rate_difference, seeds_difference
+
+REPRESENTATIONS = {"sr": "SR", "firect": "FIRect", "fifr": "FIFR"}
+COUNTED = {"detected": "in time", "within_1_s": "within 1 s"}
+LAST_PART = 0.1
+"""Of a training run, whose best returns say what it has come to."""
+
+
+def base_cases(evidence: Evidence, walls: str) -> dict[str, dict[str, Any]]:
+    """Return the row of each representation with the paper's rays and no margin; of some walls."""
+    rows = (row for row in evidence.collisions if row["panel"] == "base" and row["walls"] == walls)
+    return {row["representation"]: row for row in rows}
+
+
+def detects_most(evidence: Evidence, scope: Scope) -> Finding:
+    """Decide whether the safety region detects the most collisions.
+
+    At the paper's budget by contacts with walls that do not stop the car, reported in time and within 1 s; beyond it
+    by how many of all settings tried (rays, rates, noise, margins) have it ahead.
+    """
+    if scope == "scale":
+        return _ahead_in_settings(evidence)
+    cases = base_cases(evidence, "ghost")
+    if not set(REPRESENTATIONS) <= set(cases):
+        return NOT_DRIVEN
+    findings = []
+    for count, word in COUNTED.items():
+        rates = {kind: Rate(cases[kind][count], cases[kind]["events"]) for kind in REPRESENTATIONS}
+        numbers = ", ".join(f"{label} {rates[kind].k}" for kind, label in REPRESENTATIONS.items())
+        said = f"{word}, of {rates['sr'].n} contacts: {numbers}"
+        findings += [
+            Finding(of_difference(rate_difference(rates["sr"], rates[kind])), said) for kind in ("firect", "fifr")
+        ]
+    return weakest(findings)
+
+
+def _ahead_in_settings(evidence: Evidence) -> Finding:
+    settings: dict[tuple[Any, ...], dict[str, int]] = defaultdict(dict)
+    for row in evidence.collisions:
+        if row["walls"] == "ghost" and row["panel"] != "base":
+            key = (row["panel"], row["setting"], row["margin_m"])
+            settings[key][row["representation"]] = row["detected"]
+    whole = [counts for counts in settings.values() if set(REPRESENTATIONS) <= set(counts)]
+    if not whole:
+        return NOT_DRIVEN
+    at = Rate(sum(counts["sr"] >= max(counts["firect"], counts["fifr"]) for counts in whole), len(whole))
+    low, high = at.interval
+    verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
+    return Finding(verdict, f"ahead in {at} settings of rays, rate, noise and margin")
+
+
+def last_returns(evidence: Evidence, study: str, reward: str) -> dict[str, list[float]]:
+    """Return, by algorithm, a value a seed: the mean of the best returns in the last tenth of its blocks.
+
+    Only of the runs that were to last longest, and only of those that were completed.
+    """
+    runs = [r for r in evidence.runs if (r["study"], r["reward"], r["variant"] or "") == (study, reward, "")]
+    runs = [run for run in runs if run["state"] == "complete"]
+    reached: dict[str, int] = {}
+    for run in runs:
+        reached[run["asked"]] = max(reached.get(run["asked"], 0), run["steps"] or 0)
+    longest = max(reached, key=lambda asked: reached[asked], default="")
+    blocks: dict[str, list[tuple[int, float]]] = defaultdict(list)
+    for row in evidence.learning:
+        if row["best_return"] is not None:
+            blocks[row["run"]].append((row["total_steps"] or 0, row["best_return"]))
+    found: dict[str, list[float]] = defaultdict(list)
+    for run in runs:
+        if run["asked"] == longest and (of_run := sorted(blocks[run["run"]])):
+            last = [value for _, value in of_run[-max(1, round(LAST_PART * len(of_run))) :]]
+            found[run["algorithm"]].append(sum(last) / len(last))
+    return dict(found)
+
+
+def highest_return(algorithm: str) -> Rule:
+    """Return the rule that an algorithm's training curve ends highest under F O M T."""
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        found = last_returns(evidence, "paper" if scope == "paper" else "paper-at-scale", "fomt")
+        if not found:
+            return NOT_DRIVEN
+        rivals = sorted(set(found) - {algorithm})
+        means = {name: sum(values) / len(values) for name, values in found.items()}
+        said = "; ".join(
+            f"{n.upper()} {means[n]:.0f} ({len(found[n])} seeds)" for n in sorted(means, key=lambda n: -means[n])
+        )
+        if algorithm not in found or not rivals:
+            return Finding(Verdict.UNDECIDED, said)
+        if min(len(values) for values in found.values()) < ENOUGH_SEEDS:
+            return Finding(Verdict.UNDECIDED, f"{said}: fewer than {ENOUGH_SEEDS} seeds")
+        differences = [seeds_difference(found[algorithm], found[name]) for name in rivals]
+        return Finding(weakest([Finding(of_difference(at, 0.0), "") for at in differences]).verdict, said)
+
+    return rule
+
+
+def _radius(drive: Drive, radius: str) -> bool:
+    return f"inflation_radius_m={radius}" in drive.agent
+
+
+def collides_more_at(radius: str, other: str) -> Rule:
+    """Return the rule that map-based planners touch walls oftener with one dilation radius than with another."""
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        findings = []
+        for setting, has in _planner_settings(evidence, scope).items():
+            small, large = ([drive for drive in has if _radius(drive, r)] for r in (radius, other))
+            if small and large:
+                one, two = rate(small, collided), rate(large, collided)
+                said = f"collisions{f' ({setting})' if setting else ''}: {radius} m {one}; {other} m {two}"
+                findings.append(Finding(of_difference(rate_difference(one, two)), said))
+        if not findings:
+            return NOT_DRIVEN
+        agreed = {each.verdict for each in findings}
+        verdict = agreed.pop() if len(agreed) == 1 else Verdict.UNDECIDED
+        return Finding(verdict, ". ".join(each.evidence for each in findings))
+
+    return rule
+
+
+def _planner_settings(evidence: Evidence, scope: Scope) -> dict[str, list[Drive]]:
+    """Return the drives of DWA and TEB by what their setting says beside the radius."""
+    found: dict[str, list[Drive]] = defaultdict(list)
+    for method in ("DWA", "TEB"):
+        for place in TRACKS:
+            for drive in evidence.drives_of(scope, method, place):
+                beside = [part.strip() for part in drive.setting.split(",") if not part.startswith("radius")]
+                found[", ".join(filter(None, (*beside, drive.noise)))].append(drive)
+    return found
