@@ -15,7 +15,7 @@ _RECORDS = Path("docs") / "results" / "comparison"
 
 
 def reproduce(arguments: argparse.Namespace) -> Result:
-    """Run the paper's comparison at a budget, or go on with it: trainings, judgements, tables. A kill loses a cell."""
+    """Run the paper's comparison at a budget, or go on with it, up to its report. A kill loses a cell."""
     from zebrat_bullet.comparison.estimate import forecast
     from zebrat_bullet.comparison.gather import gather
     from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
@@ -24,6 +24,7 @@ def reproduce(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.comparison.run import run_steps
     from zebrat_bullet.comparison.steps import steps
     from zebrat_bullet.comparison.tables import read_tables, table_of, write_tables
+    from zebrat_bullet.report.comparison import build_report
 
     table_of("runs", ())  # a library that is missing is told before hours of driving
     manifest = read_manifest(arguments.manifest or SHIPPED)
@@ -47,8 +48,10 @@ def reproduce(arguments: argparse.Namespace) -> Result:
     tables = out / "tables" / arguments.budget
     write_tables(gather(place), tables)
     rows = {name: len(table) for name, table in read_tables(tables).items()}
-    result: dict[str, object] = {"folder": str(out), "tables": str(tables), "rows": rows, "failed": failed}
-    text = f"{', '.join(f'{n} {name}' for name, n in rows.items())}: {tables}"
+    (page,) = build_report(tables, tables / "report.html", manifest)
+    result: dict[str, object] = {"folder": str(out), "tables": str(tables), "rows": rows, "report": str(page)}
+    result["failed"] = failed
+    text = f"{', '.join(f'{n} {name}' for name, n in rows.items())}: {tables}; the report: {page}"
     if failed:
         whole = "\n".join(f"{name}: {why}" for name, why in failed.items())
         raise PartialResultError(
