@@ -59,7 +59,7 @@ class TebPlanner:
         centres = grid.centres_of(np.argwhere(grid.occupied))
         half = 0.5 * grid.resolution_m
         squares = shapely.box(*(centres - half).T, *(centres + half).T)
-        self._see(shapely.union_all(squares), np.hstack([centres, centres]))
+        self._see(shapely.geometrycollections(squares), np.hstack([centres, centres]))
 
     def _see(self, walls: shapely.Geometry, segments: NDArray[np.float64]) -> None:
         self._walls, self._segments = walls, segments
