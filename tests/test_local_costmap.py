@@ -159,7 +159,7 @@ def test_what_is_not_on_the_map_is_hit_by_a_map_based_planner_and_driven_round_b
 
 
 def test_a_planner_heeds_the_cells_that_it_saw_last_and_no_longer_its_map(robot: RobotModel) -> None:
-    across = shapely.MultiPolygon([shapely.box(0.6, -0.5, 0.65, 0.5)])  # in front of the car
+    across = shapely.MultiPolygon([shapely.box(0.45, -0.5, 0.55, 0.5)])  # across the front of the car
     blocked = OccupancyGrid.of_walls(across, also_inside=[(-4.0, -4.0), (4.0, 4.0)])
     free = replace(blocked, occupied=np.zeros_like(blocked.occupied))
     line = np.column_stack([np.arange(0.0, 3.0, 0.05), np.zeros(60)])
