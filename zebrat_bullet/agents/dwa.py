@@ -9,6 +9,7 @@ from zebrat_bullet.errors import PlanError
 from zebrat_bullet.planning.dwa import DwaConfig, DwaPlanner
 from zebrat_bullet.planning.global_plan import plan
 from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
+from zebrat_bullet.planning.local_costmap import LocalCostmap
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.types import Command, Reading
 
@@ -18,8 +19,8 @@ _STOP = Command(0.0, 0.0)
 class DwaAgent:
     """move_base with dwa_local_planner: planned once an episode (planner_frequency 0), and again when DWA finds no way.
 
-    Where it finds none, the car stands: move_base's recoveries are clearing the map, which is true here, and turning on
-    the spot, which no car can.
+    Where it finds none, the car stands: move_base's recoveries are clearing what the costmap has far from the car, and
+    turning on the spot, which no car can.
 
     Args:
         config: settings.
@@ -34,9 +35,13 @@ class DwaAgent:
         self._robot = load_robot(task.robot)
         self._radius_m = inscribed_radius_m(self._robot.footprint_base)
         self._walls: shapely.MultiPolygon | None = None
+        live = config.costmap == "live"
+        self._costmap = LocalCostmap(self._robot, config.resolution_m, config.window_m) if live else None
 
     def reset(self, seed: int) -> None:
-        """Forget the plan."""
+        """Forget the plan, and what the lidar has seen."""
+        if self._costmap is not None:
+            self._costmap.forget()
         self._planned_from: NDArray[np.float64] | None = None
 
     def act(self, reading: Reading) -> Command:
@@ -55,6 +60,8 @@ class DwaAgent:
                 reading.walls, self.config.resolution_m, also_inside=[at, reading.goal_world]
             )
             self._dwa = DwaPlanner(self.config, self._robot, self._limits, self._grid)
+        if self._costmap is not None:
+            self._dwa.see(self._costmap.see(reading.scan, reading.state.pose))
         if self._planned_from is None:
             self._plan(at, reading.goal_world)
         command = self._dwa.command(reading.state)

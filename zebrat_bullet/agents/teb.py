@@ -11,6 +11,7 @@ from zebrat_bullet.errors import PlanError
 from zebrat_bullet.planning.arc_path import axle_pose
 from zebrat_bullet.planning.global_plan import plan
 from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
+from zebrat_bullet.planning.local_costmap import LocalCostmap
 from zebrat_bullet.planning.teb.config import TebConfig
 from zebrat_bullet.planning.teb.global_path import GlobalPath
 from zebrat_bullet.planning.teb.planner import TebPlanner
@@ -19,7 +20,7 @@ from zebrat_bullet.types import Command, Reading
 
 
 class TebAgent:
-    """teb_local_planner for car-like robots, given the map, the true pose and the goal.
+    """teb_local_planner for car-like robots, given the map, the pose and the goal.
 
     Args:
         config: settings of the planner.
@@ -34,9 +35,12 @@ class TebAgent:
         self._robot = load_robot(task.robot)
         self._radius_m = inscribed_radius_m(self._robot.footprint_base)
         self._walls: shapely.MultiPolygon | None = None
+        self._costmap = LocalCostmap(self._robot) if config.costmap == "live" else None
 
     def reset(self, seed: int) -> None:
-        """Forget band and global plan; the planner draws no random numbers."""
+        """Forget band, global plan and what the lidar has seen; the planner draws no random numbers."""
+        if self._costmap is not None:
+            self._costmap.forget()
         self.planner: TebPlanner | None = None
 
     def act(self, reading: Reading) -> Command:
@@ -58,6 +62,8 @@ class TebAgent:
         elif self.path.distance_to(here) > self._config.global_plan_prune_distance_m:
             with contextlib.suppress(PlanError):  # where no way is found from here, the old plan must do
                 self.path = self._global_plan(here, goal)
+        if self._costmap is not None:
+            self.planner.see_cells(self._costmap.see(reading.scan, reading.state.pose))
         return self.planner.plan(reading.state, self.path, reading.time_s)
 
     def _global_plan(self, here: NDArray[np.float64], goal: NDArray[np.float64]) -> GlobalPath:

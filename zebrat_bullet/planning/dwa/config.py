@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planning.local_costmap import check_costmap
 
 PRUNE_M = 1.0
 """The path begins at its first point within this distance of the car, as in ROS."""
@@ -13,6 +14,8 @@ class DwaConfig:
     """Settings of dwa_local_planner, its costmap and its global plan.
 
     Attributes:
+        costmap: what the rollouts must not meet: "map", the premade map, or "live", a `LocalCostmap` of the scans. The
+            global plan is made over the map with either.
         inflation_radius_m, cost_scaling_factor: the costmap's inflation layer (paper: 0.3 and 0.5).
         footprint_padding_m: how far the outline that must not meet a wall stands out of the car's.
         resolution_m, window_m: cell of the map; edge of the square local costmap about the car.
@@ -32,6 +35,7 @@ class DwaConfig:
         xy_goal_tolerance_m: nearer to the goal the car stops.
     """
 
+    costmap: str = "map"
     inflation_radius_m: float = 0.5
     cost_scaling_factor: float = 10.0
     footprint_padding_m: float = 0.01
@@ -60,6 +64,7 @@ class DwaConfig:
     xy_goal_tolerance_m: float = 0.1
 
     def __post_init__(self) -> None:
+        check_costmap(self.costmap)
         positive = ("resolution_m", "sim_time_s", "sim_granularity_m", "angular_sim_granularity_rad")
         limits = ("inflation_radius_m", "acc_lim_x", "acc_lim_theta", "max_vel_theta")
         prices = ("path_distance_bias", "goal_distance_bias", "occdist_scale")

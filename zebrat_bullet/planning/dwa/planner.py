@@ -24,22 +24,27 @@ class DwaPlanner:
         config: settings.
         robot: the car.
         limits: largest speed and steering angle, control step.
-        grid: the map.
+        grid: the obstacles; `see` names others.
     """
 
     def __init__(self, config: DwaConfig, robot: RobotModel, limits: PhysicsConfig, grid: OccupancyGrid) -> None:
         self.config = config
-        self._robot, self._limits, self._grid = robot, limits, grid
+        self._robot, self._limits = robot, limits
         self._min_radius_m = robot.wheelbase_m / math.tan(limits.max_steering_rad)
-        radius_m = inscribed_radius_m(robot.footprint_base)
-        costs = inflate(grid, config.inflation_radius_m, radius_m, config.cost_scaling_factor)
+        self._radius_m = inscribed_radius_m(robot.footprint_base)
         self._half = round(config.window_m / 2.0 / config.resolution_m)
-        self._costs = np.pad(costs, self._half)
         self._outline = critics.outline_points(
             robot.footprint_base, config.footprint_padding_m, config.resolution_m / 2.0
         )
         self._oscillation = critics.Oscillation(config)
         self.path = np.zeros((0, 2))
+        self.see(grid)
+
+    def see(self, grid: OccupancyGrid) -> None:
+        """Have these obstacles from now on; the cells are of the size that the settings say."""
+        config = self.config
+        costs = inflate(grid, config.inflation_radius_m, self._radius_m, config.cost_scaling_factor)
+        self._grid, self._costs = grid, np.pad(costs, self._half)
 
     def follow(self, path: NDArray[np.float64]) -> None:
         """Follow a new (N, 2) path in m, world frame, from now on."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planning.local_costmap import check_costmap
 from zebrat_bullet.planning.teb.costs import Costs
 from zebrat_bullet.robot import RobotModel
 
@@ -17,6 +18,8 @@ class TebConfig:
     so. What the car itself decides (speed, turning radius, turning rate) comes from the robot.
 
     Attributes:
+        costmap: what the band keeps off: "map", the exact walls of the premade map, or "live", the cells of a
+            `LocalCostmap` of the scans. The global plan is made over the map with either.
         dt_ref_s, dt_hysteresis_s: the band is resized until its time steps are within dt_ref +- dt_hysteresis.
         min_samples, max_samples: fewest and most time steps that resizing leaves.
         max_global_plan_lookahead_dist_m: length of the global plan that the band covers (tutorial).
@@ -46,6 +49,7 @@ class TebConfig:
         oscillation_recovery_min_duration_s: how long the turning direction is then held.
     """
 
+    costmap: str = "map"
     dt_ref_s: float = 0.3
     dt_hysteresis_s: float = 0.1
     min_samples: int = 3
@@ -86,6 +90,7 @@ class TebConfig:
     oscillation_recovery_min_duration_s: float = 10.0
 
     def __post_init__(self) -> None:
+        check_costmap(self.costmap)
         if not 0.0 < self.dt_hysteresis_s < self.dt_ref_s:
             raise ConfigError(
                 f"dt_hysteresis_s must lie between 0 and dt_ref_s {self.dt_ref_s}, got {self.dt_hysteresis_s}"

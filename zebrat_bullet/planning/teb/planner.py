@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.geometry import wall_segments, wrap_angle
 from zebrat_bullet.planning.arc_path import axle_pose, footprint_about_axle, outlines
-from zebrat_bullet.planning.grid import inscribed_radius_m
+from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
 from zebrat_bullet.planning.teb.band import Band, begin, prune
 from zebrat_bullet.planning.teb.config import TebConfig, costs_for
 from zebrat_bullet.planning.teb.global_path import GlobalPath
@@ -31,7 +31,7 @@ class TebPlanner:
         config: settings.
         robot: the car; its rear axle is what the band moves.
         physics: limits of speed and steering, and the control step.
-        walls: outlines of everything the car can hit, world frame.
+        walls: outlines of everything the car can hit, world frame; `see_cells` names others.
 
     Attributes:
         band: the last band; None before the first and after one that was infeasible or diverged.
@@ -40,15 +40,29 @@ class TebPlanner:
     def __init__(
         self, config: TebConfig, robot: RobotModel, physics: PhysicsConfig, walls: shapely.MultiPolygon
     ) -> None:
-        self._config, self._robot, self._physics, self._walls = config, robot, physics, walls
+        self._config, self._robot, self._physics = config, robot, physics
         self._costs = costs_for(config, robot, physics)
         self._outline = footprint_about_axle(robot)
         # The rear axle of some cars is at the very edge of their outline.
         self._inscribed_m = max(inscribed_radius_m(self._outline), _LEAST_INSCRIBED_M)
-        self._segments = wall_segments(shapely.simplify(walls, _MERGE_M)).reshape(-1, 4)
         self._oscillation = Oscillation(config, physics.control_step_s)
         self._shrunk_until_s = -math.inf
         self.band: Band | None = None
+        self._see(walls, wall_segments(shapely.simplify(walls, _MERGE_M)).reshape(-1, 4))
+
+    def see_cells(self, grid: OccupancyGrid) -> None:
+        """Keep off the occupied cells of a costmap from now on, and off nothing else.
+
+        As in ROS without a costmap converter: the band is pushed away from the centre of every cell, each a point that
+        costs by itself, and the final check looks at whole cells.
+        """
+        centres = grid.centres_of(np.argwhere(grid.occupied))
+        half = 0.5 * grid.resolution_m
+        squares = shapely.box(*(centres - half).T, *(centres + half).T)
+        self._see(shapely.geometrycollections(squares), np.hstack([centres, centres]))
+
+    def _see(self, walls: shapely.Geometry, segments: NDArray[np.float64]) -> None:
+        self._walls, self._segments = walls, segments
         shapely.prepare(walls)
 
     def plan(self, state: RobotState, path: GlobalPath, time_s: float) -> Command:
@@ -91,7 +105,8 @@ class TebPlanner:
     def _near(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         reach = self._config.max_global_plan_lookahead_dist_m + 1.0
         a, b = self._segments[:, :2], self._segments[:, 2:]
-        along = ((xy - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1)
+        squared = np.maximum(((b - a) ** 2).sum(axis=1), 1e-18)  # the points of a costmap have no length
+        along = ((xy - a) * (b - a)).sum(axis=1) / squared
         nearest = a + np.clip(along, 0.0, 1.0)[:, None] * (b - a)
         return self._segments[np.hypot(*(nearest - xy).T) < reach]
 
