@@ -407,7 +407,7 @@ def test_turning_to_and_fro_on_the_spot_is_held_to_one_direction_for_a_while() -
         ("acc_lim_x_mps2=0", "acc_lim_x_mps2 must be above 0, got 0"),
         ("max_global_plan_lookahead_dist_m=0", "max_global_plan_lookahead_dist_m must be above 0, got 0"),
         ("no_inner_iterations=0", "no_inner_iterations must be at least 1, got 0"),
-        ("radius=1", "cannot set 'radius=1': write key=value with a key of dt_ref_s"),
+        ("radius=1", "cannot set 'radius=1': write key=value with a key of costmap, dt_ref_s"),
     ],
 )
 def test_settings_out_of_range_are_refused(setting: str, message: str) -> None:
