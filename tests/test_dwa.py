@@ -189,9 +189,7 @@ def test_the_agent_takes_settings_in_its_name() -> None:
     assert agent.config == DwaConfig(inflation_radius_m=0.3, allow_reverse=True)
     assert agent.name == "dwa:inflation_radius_m=0.3,allow_reverse=true"
     assert agent.privileged == {"pose", "map", "goal"}
-    with pytest.raises(
-        ConfigError, match="cannot set 'radius=1': write key=value with a key of costmap"
-    ):
+    with pytest.raises(ConfigError, match="cannot set 'radius=1': write key=value with a key of costmap"):
         load_agent("dwa:radius=1", TASK)
     tuned = load_agent("dwa_tuned:sim_time_s=2", TASK)
     assert isinstance(tuned, DwaAgent) and tuned.config == replace(TUNED, sim_time_s=2.0)
