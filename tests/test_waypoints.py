@@ -231,5 +231,5 @@ def test_with_reward_sets_what_the_reward_needs_to_observe():
     paper = with_reward(FOMT, "wg_paper")
     assert (paper.observation.last_command, paper.observation.waypoint, paper.reward) == (False, True, WG.reward)
     assert with_reward(FOMT, "fomt") == FOMT and not FOMT.guided and WG.guided and paper.guided
-    with pytest.raises(ConfigError, match="unknown reward preset 'fom'; valid are: fomt, fot, ft, wg, wg_paper"):
+    with pytest.raises(ConfigError, match="unknown reward preset 'fom'; valid are: fomt, fot, fmt, ft, wg, wg_paper"):
         with_reward(FOMT, "fom")
