@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 
 ROOT = Path(__file__).parent.parent
@@ -145,6 +147,13 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
     )
     assert (kept["state"], kept["episodes"], kept["steps"]) == ("complete", 1000, 290648)  # docs/learning.md
     assert rows["paper-smoke/ddpg-wg-big_track-seed0"]["state"] == "missing"
+    # Finished, but as a budget that cuts it short has it: not what was asked for.
+    cut = tmp_path / "training" / "paper-smoke" / "ddpg-wg-big_track-seed0"
+    with as_folder(ROOT / "docs/results/paper-rewards.zip") as runs:
+        shutil.copytree(runs / cut.name, cut)
+    (cut / "summary.json").write_text("{}")
+    again = {row["run"]: row for row in gather(here)["runs"].to_pylist()}["paper-smoke/ddpg-wg-big_track-seed0"]
+    assert again["state"] == "partial" and again["episodes"] == 200
     curve = [row for row in tables["learning"].to_pylist() if row["run"] == kept["run"]]
     assert sum(row["best_return"] is not None for row in curve) == 50
     assert tables["collisions"].num_rows > 0 and tables["episodes"].num_rows == 0

@@ -65,7 +65,10 @@ def _training_rows(place: Place, name: str) -> Iterator[tuple[dict[str, Any], li
                 **{"variant": training.variant, "seed": config.seed, "asked": training.asked},
                 "command": _command(place, name, _of_one(sweeps[run.parent], algo, reward, config.seed), run.parent),
             }
-            yield row | reached(readable[run], config), list(_curve(readable[run], place.run_name(run)))
+            row |= reached(readable[run], config)
+            if place.is_cut_short(name) and row["state"] == "complete":
+                row["state"] = "partial"  # of what `asked` says
+            yield row, list(_curve(readable[run], place.run_name(run)))
 
 
 def _of_one(sweep: Sweep, algo: str, reward: str, seed: int) -> Sweep:

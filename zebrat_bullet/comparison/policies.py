@@ -50,7 +50,7 @@ class Place:
 
     def training_folder(self, name: str) -> Path:
         """Return where the runs of a training are; those that a budget cuts short are no one else's."""
-        return self.out / "training" / (f"{name}-{self.budget}" if self._is_cut_short(name) else name)
+        return self.out / "training" / (f"{name}-{self.budget}" if self.is_cut_short(name) else name)
 
     def run_name(self, run: Path) -> str:
         """Return the name of a run in the tables."""
@@ -86,12 +86,13 @@ class Place:
 
         They lack the models that they begin with.
         """
-        kept = () if self._is_cut_short(name) else self.manifest.trainings[name].kept_seeds
+        kept = () if self.is_cut_short(name) else self.manifest.trainings[name].kept_seeds
         with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
             sweeps = self.sweeps(name, kept).items()
             return {run: at for folder, sweep in sweeps for run, at in runs_of(sweep, folder).items()}
 
-    def _is_cut_short(self, name: str) -> bool:
+    def is_cut_short(self, name: str) -> bool:
+        """Return whether the budget runs less of a training than the manifest asks for."""
         return bool(self.plan.trainings.get(name))
 
     @contextmanager
@@ -101,7 +102,7 @@ class Place:
         A finished one goes before one that is not, and one of this folder before a kept one.
         """
         training, runs = self.manifest.trainings[name], list(self.runs(name))
-        if not training.kept or self._is_cut_short(name):
+        if not training.kept or self.is_cut_short(name):
             yield {run: run for run in runs}
             return
         kept = self.checkout / training.kept
