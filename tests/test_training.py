@@ -250,6 +250,8 @@ def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
     path.write_text("planar: {margin_m: {corners: 0.01, other: [0.0, 0.02]}}\n")
     planar = with_overrides(replace(TINY, planar=PlanarConfig()), overrides_of(path)).planar
     assert planar is not None and planar.margin_m == {"corners": 0.01, "other": (0.0, 0.02)}
+    with pytest.raises(ConfigError, match="no family of tracks 'corner'"):
+        with_overrides(replace(TINY, planar=PlanarConfig()), ["planar.margin_m={corner: 0.01, other: 0.0}"])
     path.write_text("- episodes")
     with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
         overrides_of(path)

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
+from zebrat_bullet.planar.margins import NEAR_M
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations
 from zebrat_bullet.sensing.flatten import LEVEL_TILT_RAD
 from zebrat_bullet.sensing.sight import check_sight
 
-NEAR_M = 0.2
-"""Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
 N_CHANNEL_SLOTS = 256
 WALL_M = 0.8
 """Lowest wall of a world that the planar car takes; the height band sees it whole."""

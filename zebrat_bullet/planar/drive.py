@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import OTHER, Margins, Range, TaskConfig, require_planar_cars
+from zebrat_bullet.config import OTHER, Margins, TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
-from zebrat_bullet.planar.car import NEAR_M
+from zebrat_bullet.planar.margins import margins_of
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
@@ -20,7 +20,7 @@ from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
-from zebrat_bullet.world import World, check_family
+from zebrat_bullet.world import World
 
 N_STARTS = 64
 """Start poses drawn for each world; every episode begins at one of them."""
@@ -91,7 +91,7 @@ class PlanarDrive:
         raw: bool = False,
         margin_m: Margins = 0.0,
     ) -> None:
-        self._margins_of = _margins_of(margin_m)
+        self._margins_of = margins_of(margin_m)
         check_weights(task.reward)
         if task.guided:
             raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
@@ -274,20 +274,3 @@ class PlanarDrive:
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
         return self.sim.state() | self._rules.state() | own
-
-
-def _margins_of(margin_m: Margins) -> dict[str, Range]:
-    """Return least and greatest margin by family, `OTHER` among them."""
-    given = margin_m if isinstance(margin_m, Mapping) else {OTHER: margin_m}
-    if OTHER not in given:
-        raise ConfigError(f"margin_m by family needs {OTHER!r} for the rest, got {dict(given)}")
-    for family in given.keys() - {OTHER}:
-        check_family(family, None)
-    return {family: _range_of(margin) for family, margin in given.items()}
-
-
-def _range_of(margin_m: float | Range) -> Range:
-    least, most = (margin_m, margin_m) if isinstance(margin_m, (int, float)) else margin_m
-    if not 0.0 <= least <= most < NEAR_M:
-        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
-    return least, most

@@ -7,6 +7,7 @@ from typing import Literal
 
 from zebrat_bullet.config import MOST_SEED, LidarConfig, Margins, TaskConfig, require_planar_cars, within
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.margins import margins_of
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.world import HELD_OUT_SEED, check_family
 
@@ -198,6 +199,7 @@ class PlanarConfig:
         _shares(self, "curriculum")
         within(self, n_cars=(1, 2**18), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
         within(self, n_eval_starts=(1, _PLANAR_STARTS), eval_every_steps=(1, 10**12))
+        margins_of(self.margin_m)
         if not self.families:
             raise ConfigError("planar.families is empty; name at least one family of tracks")
         for family in self.families:

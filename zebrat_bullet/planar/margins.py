@@ -1,0 +1,31 @@
+"""How near a wall counts as touched while a policy learns: one distance, a range, or by family of tracks."""
+
+from collections.abc import Mapping
+
+from zebrat_bullet.config import OTHER, Margins, Range
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.world import check_family
+
+NEAR_M = 0.2
+"""Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
+
+
+def margins_of(margin_m: Margins) -> dict[str, Range]:
+    """Return least and greatest margin in m by family, `OTHER` among them.
+
+    Raises:
+        ConfigError: one is out of range, `OTHER` is missing, or there is no such family.
+    """
+    given = margin_m if isinstance(margin_m, Mapping) else {OTHER: margin_m}
+    if OTHER not in given:
+        raise ConfigError(f"margin_m by family needs {OTHER!r} for the rest, got {dict(given)}")
+    for family in given.keys() - {OTHER}:
+        check_family(family, None)
+    return {family: _range_of(margin) for family, margin in given.items()}
+
+
+def _range_of(margin_m: float | Range) -> Range:
+    least, most = (margin_m, margin_m) if isinstance(margin_m, (int, float)) else margin_m
+    if not 0.0 <= least <= most < NEAR_M:
+        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
+    return least, most
