@@ -210,11 +210,13 @@ def test_a_turned_lidar_is_understood_once_its_yaw_is_told(processes, policy, pr
     processes.drive(policy, "lidar_yaw_rad:=-1.5707963", sim_time=False)
     x, y, z = points.T
     turned = np.stack([-y, x, z], axis=1)
-    probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and bool(probe.yaw_rates))
+    probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and any(probe.yaw_rates))
+    heard = next(filter(None, probe.yaw_rates))  # the first that was heard; the probe may find the node later than it drives
     driver = Driver.load(policy)
-    command = driver.drive_cloud(points).command
-    expected = yaw_rate(command.speed_mps, command.steering_rad, driver.car.wheelbase_m)
-    assert abs(expected) > 0.1 and probe.yaw_rates[0] == pytest.approx(expected, rel=0.05)
+    commands = [driver.drive_cloud(points).command for _ in range(10)]
+    expected = [yaw_rate(command.speed_mps, command.steering_rad, driver.car.wheelbase_m) for command in commands]
+    assert min(map(abs, expected)) > 0.1
+    assert any(heard == pytest.approx(one, rel=0.05) for one in expected), (heard, expected)
 
 
 def test_without_a_clock_a_node_in_simulated_time_says_so(processes, policy, probe):
