@@ -259,7 +259,14 @@ def _policy_of(path: Path) -> None:
 
 def _set(folder: Path) -> None:
     track = SetTrack(
-        family="corners", seed=900_000, difficulty=0.5, reversals=0, clearance_m=0.1, length_m=9.0, least_time_s=15.0
+        family="corners",
+        seed=900_000,
+        difficulty=0.5,
+        reversals=0,
+        clearance_m=0.1,
+        length_m=9.0,
+        least_time_s=15.0,
+        fingerprint="",
     )
     save_set(TrackSet(name="mine", robot="zebrat", sha256="0" * 64, tracks=(track, track)), folder)
 

@@ -105,7 +105,16 @@ def test_shipped_sets_hold_each_track_once(name: str) -> None:
 
 def test_scores_are_those_counted_by_hand() -> None:
     facts = [
-        SetTrack(family="corners", seed=i, difficulty=d, reversals=r, clearance_m=0.1, length_m=9.0, least_time_s=10.0)
+        SetTrack(
+            family="corners",
+            seed=i,
+            difficulty=d,
+            reversals=r,
+            clearance_m=0.1,
+            length_m=9.0,
+            least_time_s=10.0,
+            fingerprint="",
+        )
         for i, (d, r) in enumerate([(0.1, 0), (0.15, 2), (1.0, 2), (0.5, 9)])
     ]
     outcome = np.array([[1, 1], [1, 2], [2, 2], [5, 1]], dtype=np.int8)
@@ -192,6 +201,7 @@ def test_episodes_that_do_not_fit_together_are_refused_by_name(tmp_path: Path) -
             clearance_m=0.1,
             length_m=9.0,
             least_time_s=15.0,
+            fingerprint="",
         )
     ]
     endings = Endings(np.array([[1, 2]], np.int8), np.array([[15.2, 8.0]]), np.array([[0, 3]]))

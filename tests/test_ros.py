@@ -211,7 +211,9 @@ def test_a_turned_lidar_is_understood_once_its_yaw_is_told(processes, policy, pr
     x, y, z = points.T
     turned = np.stack([-y, x, z], axis=1)
     probe.until(lambda: _sent(lidar, lambda: cloud(turned)) and any(probe.yaw_rates))
-    heard = next(filter(None, probe.yaw_rates))  # the first that was heard; the probe may find the node later than it drives
+    heard = next(
+        filter(None, probe.yaw_rates)
+    )  # the first that was heard; the probe may find the node later than it drives
     driver = Driver.load(policy)
     commands = [driver.drive_cloud(points).command for _ in range(10)]
     expected = [yaw_rate(command.speed_mps, command.steering_rad, driver.car.wheelbase_m) for command in commands]

@@ -118,8 +118,8 @@ def judge_set(
         if named_robot(tracks.robot) != named_robot(its.task.robot):
             raise ConfigError(f"set {tracks.name!r} is for {tracks.robot!r}, not {its.task.robot!r}; make another")
     chosen = _choose(tracks, how)
-    worlds = draw_set(tracks, how.workers)
-    facts, worlds = [tracks.tracks[i] for i in chosen], [worlds[i] for i in chosen]
+    facts = [tracks.tracks[i] for i in chosen]
+    worlds = draw_set(tracks, how.workers, only=None if how.n_tracks is None else chosen)
     scores = {}
     for agent in agents:
         on_tracks(agent, 0, len(worlds))

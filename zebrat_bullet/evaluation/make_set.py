@@ -9,7 +9,7 @@ from pathlib import Path
 from zebrat_bullet.config import within
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set, save_set
+from zebrat_bullet.evaluation.track_set import DIGITS, SetTrack, TrackSet, draw_set, save_set
 from zebrat_bullet.planning.certificate import Certificate
 from zebrat_bullet.planning.certify import certify_all
 from zebrat_bullet.processes import MOST_WORKERS
@@ -71,12 +71,11 @@ class Candidate(SetTrack):
     Attributes:
         certified: 1 where the planner found a drive, or no number of it means anything.
         proven: 1 where it proved that there is none.
-        fingerprint: of the track.
+        fingerprint: the SHA-256 of the track's geometry.
     """
 
     certified: int
     proven: int
-    fingerprint: str
 
 
 _COLUMNS = tuple(field.name for field in fields(Candidate))
@@ -123,12 +122,14 @@ def make_set(
 
 
 def _set_of(chosen: Sequence[Candidate], recipe: Recipe) -> TrackSet:
-    own = [field.name for field in fields(SetTrack)]
+    own = [field.name for field in fields(SetTrack) if field.name != "fingerprint"]
     return TrackSet(
         name=recipe.name,
         robot=recipe.robot,
         sha256=joint_fingerprint(at.fingerprint for at in chosen),
-        tracks=tuple(SetTrack(**{name: getattr(at, name) for name in own}) for at in chosen),
+        tracks=tuple(
+            SetTrack(**{name: getattr(at, name) for name in own}, fingerprint=at.fingerprint[:DIGITS]) for at in chosen
+        ),
     )
 
 
