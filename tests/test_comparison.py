@@ -88,7 +88,7 @@ def kill_when(process: subprocess.Popen[str], reached: Callable[[], bool]) -> No
 
 
 @pytest.mark.slow
-def test_killed_twice_it_goes_on_loses_one_cell_and_drives_nothing_finished_again(tiny: Path):
+def test_killed_twice_it_goes_on_loses_a_cell_a_core_and_drives_nothing_finished_again(tiny: Path):
     here = place(tiny)
     train, learned, random, held_out = steps(here)
     assert isinstance(train, Train) and isinstance(random, Judge)
@@ -98,7 +98,7 @@ def test_killed_twice_it_goes_on_loses_one_cell_and_drives_nothing_finished_agai
     assert not is_finished(run) and not train.is_done()
 
     records = random.folder / "records" / "track_2"
-    kill_when(reproduce(tiny), lambda: any(records.glob("*.npz")))
+    kill_when(reproduce(tiny), lambda: learned.is_done() and any(records.glob("*.npz")))
     assert train.is_done() and learned.is_done() and not random.is_done() and not held_out.is_done()
     partial = gather(here)
     assert {row["place"] for row in partial["episodes"].to_pylist() if row["run"]} == {"track_2"}

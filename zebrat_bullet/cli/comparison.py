@@ -15,7 +15,7 @@ _RECORDS = Path("docs") / "results" / "comparison"
 
 
 def reproduce(arguments: argparse.Namespace) -> Result:
-    """Run the paper's comparison at a budget, or go on with it, up to its report. A kill loses a cell."""
+    """Run the paper's comparison at a budget, or go on with it, up to its report. A kill loses a cell a core."""
     from zebrat_bullet.comparison.estimate import forecast
     from zebrat_bullet.comparison.gather import gather
     from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest

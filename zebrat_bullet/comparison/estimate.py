@@ -10,7 +10,6 @@ from zebrat_bullet.comparison.manifest import cells
 from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, driver_kind, training_kind
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
-from zebrat_bullet.evaluation.judge import CHUNK
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of
 from zebrat_bullet.training.sweep_run import cores_of
@@ -68,10 +67,8 @@ def _seconds(place: Place, step: Step, speed: Mapping[str, float]) -> float | No
         kind = driver_kind(step)
         if kind not in speed:
             return None
-        if kind == A_SET:
-            return speed[A_SET]
-        in_turn = max(ceil(step.cell.episodes / cores), min(step.cell.episodes, CHUNK))
-        return speed.get(START, 0.0) + speed[kind] * _LONG.get(step.cell.place, 1.0) * in_turn
+        driving = speed[kind] if kind == A_SET else speed[kind] * _LONG.get(step.cell.place, 1.0) * step.cell.episodes
+        return ((0.0 if kind == A_SET else speed.get(START, 0.0)) + driving) / cores
     assert isinstance(step, Train)
     configs = runs_of(step.sweep, step.folder)
     each: list[float] = []

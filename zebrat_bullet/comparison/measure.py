@@ -82,7 +82,7 @@ def _measured(place: Place, step: Step, folder: Path, known: dict[str, float]) -
         tracks = step.place.plan.judgements[step.cell.judgement].tracks or step.how.tracks
         some = ["--tracks", str(tracks)] if tracks else []
         where = ["--set", step.cell.place, *some, "--episodes", str(step.cell.episodes)]
-        call(["evaluate", "--agent", agent, *where, "--out", str(folder / "judged"), "--quiet"], log)
+        call(["evaluate", "--agent", agent, *where, "--workers", "1", "--out", str(folder / "judged"), "--quiet"], log)
         return {A_SET: time.monotonic() - began}
     where = ["--worlds", _WORLD, "--episodes", "2", "--workers", "1", *step.how.options]
     call(["evaluate", "--agent", agent, *where, "--out", str(folder / "judged"), "--quiet"], log)

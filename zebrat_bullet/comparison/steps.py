@@ -24,6 +24,7 @@ class Step(Protocol):
     Attributes:
         name: of the step, unique.
         folder: where its outputs are.
+        alone: whether it keeps all cores busy by itself; one that does not keeps one busy.
     """
 
     @property
@@ -33,6 +34,10 @@ class Step(Protocol):
     @property
     def folder(self) -> Path:
         """Where its outputs are."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether it keeps all cores busy by itself."""
 
     def is_done(self) -> bool:
         """Return whether its outputs are all there."""
@@ -54,6 +59,7 @@ class Train:
     sweep: Sweep
     folder: Path
     ray: str | None = None
+    alone: bool = True
 
     @property
     def name(self) -> str:
@@ -104,6 +110,7 @@ class Collisions:
 
     folder: Path
     what: Contacts
+    alone: bool = True
 
     @property
     def name(self) -> str:
@@ -128,6 +135,7 @@ class Judge:
 
     place: Place
     cell: Cell
+    alone: bool = False
 
     @property
     def name(self) -> str:
@@ -200,7 +208,7 @@ class Judge:
         return [
             *("evaluate", "--agent", self.agent(), *where, *tracks, "--sim", self.cell.sim),
             *("--episodes", str(self.cell.episodes), "--seed", str(self.how.seed), *self.how.options),
-            *("--out", str(self.folder), "--quiet"),
+            *("--workers", "1", "--out", str(self.folder), "--quiet"),
         ]
 
 

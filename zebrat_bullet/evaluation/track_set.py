@@ -17,6 +17,8 @@ FOLDER = "worlds/sets"
 """The kind of asset that shipped sets are."""
 DIGITS = 12
 """Of the SHA-256 of a track that a set holds."""
+_A_PROCESS = 300
+"""As many tracks are drawn in the time that a process takes to start."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +105,8 @@ def draw_set(tracks: TrackSet, workers: int = 1, *, only: Sequence[int] | None =
     drawn: dict[tuple[str, int], World] = {}
     for family in sorted({track.family for track in wanted}):
         seeds = [track.seed for track in wanted if track.family == family]
-        of_family = generate_tracks(seeds, family=family, robot=robot, workers=workers)
+        worth = min(workers, 1 + len(seeds) // _A_PROCESS)
+        of_family = generate_tracks(seeds, family=family, robot=robot, workers=worth)
         drawn |= {(family, seed): world for seed, world in zip(seeds, of_family, strict=True)}
     worlds = [drawn[track.family, track.seed] for track in wanted]
     prints = [fingerprint(world) for world in worlds]
