@@ -8,6 +8,7 @@ from comparison_tables import counts, episodes, run, tables
 from zebrat_bullet.report.comparison.claims import CLAIMS
 from zebrat_bullet.report.comparison.evidence import METHODS, TRACKS, Evidence
 from zebrat_bullet.report.comparison.rules import Verdict
+from zebrat_bullet.report.comparison.section_scale import scale_section
 from zebrat_bullet.report.comparison.statistics import (
     Rate,
     holm,
@@ -167,3 +168,16 @@ def test_an_interval_over_seeds_is_the_same_twice_and_none_where_all_agree():
     a, b = [0.9, 0.8, 0.95, 0.85, 0.7], [0.2, 0.3, 0.1, 0.25, 0.4]
     assert seeds_difference(a, b) == seeds_difference(a, b) and seeds_difference(a, b).low > 0.3
     assert seeds_difference([1.0] * 3, [0.5] * 3).low == 0.5
+
+
+def test_on_held_out_tracks_it_is_counted_who_backs_up_where_nothing_asks_for_it():
+    def on_set(reversals: int, n_reversals: list[int]) -> list[dict[str, object]]:
+        rows = episodes("shipped", "corners", "s" * len(n_reversals), study="scale", sim="planar", reversals=reversals)
+        return [row | {"family": "corners", "n_reversals": n} for row, n in zip(rows, n_reversals, strict=True)]
+
+    made = tables(episodes=[*on_set(2, [2, 2, 0, 3]), *on_set(0, [0, 0, 0, 4, 0])])
+    parts = {part.title: part for part in scale_section(Evidence(made)).parts}
+    _, success, backing = parts["By certified reversals"].blocks
+    assert success.head == backing.head == ("set", "0", "2")
+    assert [cell.text for cell in success.rows[0][1:]] == ["100 %", "100 %"]
+    assert [cell.text for cell in backing.rows[0][1:]] == ["20 %", "75 %"]

@@ -96,7 +96,7 @@ class Evidence:
         runs, learning, collisions: rows, as dictionaries by column.
         drives: episodes in worlds.
         held_out: counts of episodes on held-out sets: study, method, setting, noise, run, sim, place, family,
-            reversals, outcome, n.
+            reversals (of the certificate), outcome, backed_up (whether the car reversed), n.
     """
 
     def __init__(self, tables: Mapping[str, Any]) -> None:
@@ -108,7 +108,10 @@ class Evidence:
         columns = list(Drive.__slots__)
         self.drives = [Drive(**row) for row in episodes.filter(in_worlds).select(columns).to_pylist()]
         keys = ["study", "method", "setting", "noise", "run", "sim", "place", "family", "reversals", "outcome"]
-        counted = episodes.filter(episodes["family"].is_valid()).group_by(keys).aggregate([([], "count_all")])
+        on_tracks = episodes.filter(episodes["family"].is_valid())
+        backed = [(n or 0) > 0 for n in on_tracks["n_reversals"].to_pylist()]
+        keys.append("backed_up")
+        counted = on_tracks.append_column("backed_up", [backed]).group_by(keys).aggregate([([], "count_all")])
         counted = counted.rename_columns([*keys, "n"]).sort_by([(key, "ascending") for key in keys])
         self.held_out: list[dict[str, Any]] = counted.to_pylist()
         self._paths = tables["paths"]

@@ -1,7 +1,7 @@
 """At scale: the sets over their seeds, on the tracks and on the held-out sets; longer runs; fairer rivals."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Picture, Row, Section, Text
@@ -98,37 +98,50 @@ def _over_seeds(evidence: Evidence) -> list[Block]:
 
 def _held_out(evidence: Evidence, column: str) -> list[Block]:
     """Return success on the held-out sets: a row a set of runs, a column a family or number of reversals."""
-    counts: dict[str, dict[str, dict[str, list[int]]]] = defaultdict(
-        lambda: defaultdict(lambda: defaultdict(lambda: [0, 0]))
-    )
-    named: dict[str, Any] = {}
-    for row in evidence.held_out:
-        if row["study"] not in ("scale", "rivals") or row["noise"] or row[column] is None:
-            continue
-        group = _group(row[column])
-        named[group] = row[column]
-        at = counts[_label(evidence, row["method"], row["run"])][group][row["run"] or row["setting"]]
-        at[0] += row["n"] if row["outcome"] == "success" else 0
-        at[1] += row["n"]
-    if not counts:
+    shares = _shares(evidence, column, lambda row: row["outcome"] == "success")
+    if not shares:
         return [Text("*Not driven at this budget.*")]
-    groups = sorted(named, key=lambda group: (isinstance(named[group], str), named[group]))
-    shares = {
-        label: {group: [k / n for k, n in of_group[group].values()] for group in groups if group in of_group}
-        for label, of_group in sorted(counts.items())
-    }
-    rows: list[Row] = [
-        (label, *(_seeds_cell(of_label.get(group)) for group in groups)) for label, of_label in shares.items()
-    ]
-    grid = Grid(
-        ("set", *groups),
-        tuple(rows),
-        f"Success by {column}: mean over seeds, and in brackets from the least to the greatest.",
-    )
+    grid = _grid(shares, f"Success by {column}: mean over seeds, and in brackets from the least to the greatest.")
     if column == "family":
         return [grid]
     plain: Mapping[str, Any] = {label: shares[label] for label in _POLICIES if label in shares} or shares
-    return [Picture("held_out_reversals", draw_seed_lines(plain, "reversals of the certificate"), grid.caption), grid]
+    backing = _grid(
+        _shares(evidence, column, lambda row: row["backed_up"]),
+        "Episodes in which the car reversed at least once, by the reversals of the certificate: under 0 it need not. "
+        "Mean over seeds, and in brackets from the least to the greatest.",
+    )
+    drawn = draw_seed_lines(plain, "reversals of the certificate")
+    return [Picture("held_out_reversals", drawn, grid.caption), grid, backing]
+
+
+_Shares = dict[str, dict[str, list[float]]]
+"""A share a run, by set of runs and by group."""
+
+
+def _shares(evidence: Evidence, column: str, what: Callable[[Mapping[str, Any]], bool]) -> _Shares:
+    """Return which share of a run's episodes on held-out sets is so."""
+    counts: dict[str, dict[str, dict[str, list[int]]]] = defaultdict(
+        lambda: defaultdict(lambda: defaultdict(lambda: [0, 0]))
+    )
+    for row in evidence.held_out:
+        if row["study"] not in ("scale", "rivals") or row["noise"] or row[column] is None:
+            continue
+        at = counts[_label(evidence, row["method"], row["run"])][_group(row[column])][row["run"] or row["setting"]]
+        at[0] += row["n"] if what(row) else 0
+        at[1] += row["n"]
+    return {
+        label: {group: [k / n for k, n in of_run.values()] for group, of_run in sorted(of_group.items())}
+        for label, of_group in sorted(counts.items())
+    }
+
+
+def _grid(shares: _Shares, caption: str) -> Grid:
+    groups = sorted({group for of_label in shares.values() for group in of_label})
+    return Grid(
+        ("set", *groups),
+        tuple((label, *(_seeds_cell(of_label.get(group)) for group in groups)) for label, of_label in shares.items()),
+        caption,
+    )
 
 
 def _group(value: str | int) -> str:
