@@ -16,6 +16,7 @@ from pydantic import BaseModel
 
 from zebrat_bullet import config
 from zebrat_bullet.cli.main import make_parser
+from zebrat_bullet.cli.options import robot_options
 from zebrat_bullet.planning.dwa.config import DwaConfig
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
 from zebrat_bullet.planning.teb.config import TebConfig
@@ -109,7 +110,7 @@ def pages() -> dict[str, str]:
 
 
 def cli_page() -> str:
-    """Return the page on the command line: the options that every command has once, then each command's own."""
+    """Return the page on the command line: the options of every command, those of the car, each command's own."""
     parser = make_parser()
     commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction)).choices
     options = {name: {_names(a): _option(a) for a in sub._actions} for name, sub in commands.items()}
@@ -117,8 +118,16 @@ def cli_page() -> str:
     index = [f"[`{name}`](#{name}) | {_cell(sub.description or '')}" for name, sub in commands.items()]
     parts = [CLI_HEAD, _table("command | what", index)]
     parts += ["## Options of every command", _table("option | what", [options["train"][key] for key in shared])]
+    car = [_names(action) for action in robot_options()._actions]
+    without = ", ".join(f"`{name}`" for name, of in options.items() if not set(car) & set(of))
+    parts += [
+        "## Options of the car",
+        f"Of every command but {without}, which take the car from elsewhere or need none.",
+    ]
+    parts += [_table("option | what", [options["train"][key] for key in car])]
+    usual = {key: options["train"][key] for key in (*shared, *car)}
     for name, sub in commands.items():
-        own = [row for key, row in options[name].items() if key not in shared]
+        own = [row for key, row in options[name].items() if usual.get(key) != row]
         parts += [f"## {name}", _cell(sub.description or ""), _table("option | what", own) if own else ""]
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
 

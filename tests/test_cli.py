@@ -145,6 +145,13 @@ def test_the_number_of_an_episode_is_a_whole_number_from_0_up(command, number, c
     assert f"argument {command[-1]}: takes a whole number from 0 up, of at most 18 digits, got '{number}'" in said
 
 
+@pytest.mark.parametrize("command", [["curves", "runs/a"], ["imitate"], ["replay", "a.npz"], ["report"], ["reproduce"]])
+def test_a_command_that_takes_no_car_refuses_one(command, capfd):
+    with pytest.raises(SystemExit):
+        main([*command, "--robot", "mule"])
+    assert "unrecognized arguments: --robot mule" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("where", [["--worlds", "real_1"], []])
 def test_planar_cars_asked_for_where_they_do_not_drive_are_refused(where, capfd, tmp_path):
     assert main(["evaluate", "--agent", "shipped", "--sim", "planar", *where, "--out", str(tmp_path)]) == 2

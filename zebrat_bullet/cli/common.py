@@ -54,8 +54,8 @@ class Run(Protocol):
 class AddCommand(Protocol):
     """Makes the parser of a command."""
 
-    def __call__(self, run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
-        """Return it, with the options of its parents."""
+    def __call__(self, run: Run, *parents: argparse.ArgumentParser, car: bool = True) -> argparse.ArgumentParser:
+        """Return it, with the options of its parents, and with those of the car unless it takes none."""
 
 
 def robot_settings(arguments: argparse.Namespace) -> list[str]:

@@ -89,7 +89,7 @@ def report(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the commands of this file."""
-    made = command(reproduce)
+    made = command(reproduce, car=False)
     made.add_argument("--budget", default="smoke", metavar="NAME", help="smoke, laptop or paper (default smoke)")
     made.add_argument("--manifest", type=Path, metavar="YAML", help="another manifest than the shipped one")
     made.add_argument("--plan", action="store_true", help="say what would be run, how long and what will be missing")
@@ -104,7 +104,7 @@ def add(command: AddCommand) -> None:
         "--ray", metavar="ADDRESS", help="train on this Ray cluster; --out must be on storage its nodes share"
     )
 
-    made = command(report)
+    made = command(report, car=False)
     made.add_argument(
         "--records",
         type=Path,

@@ -17,7 +17,7 @@ def curves(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(curves)
+    made = command(curves, car=False)
     made.add_argument(
         "folders",
         nargs="+",

@@ -214,7 +214,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=whole_number, default=10, help="in each world (default 10)")
 
-    made = command(replay)
+    made = command(replay, car=False)
     made.set_defaults(robot=None)
     made.add_argument(
         "record", nargs="?", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it"

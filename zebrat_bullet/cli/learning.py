@@ -174,7 +174,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--human-noise", action="store_true", help="act late, steer unsteadily, change speed gently")
     made.add_argument("--compact", action="store_true", help="leave the 360-range scans out: a sixth of the size")
 
-    made = command(imitate)
+    made = command(imitate, car=False)
     made.add_argument(
         "--demonstrations",
         default="docs/results/demonstrations.zip",

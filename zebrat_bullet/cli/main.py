@@ -45,7 +45,8 @@ def main(argv: list[str] | None = None) -> int:
     warnings.formatwarning = _format_warning
     with _real_stdout() as stdout:
         try:
-            name_robot(arguments)
+            if "robot" in arguments:
+                name_robot(arguments)
             result, text = arguments.run(arguments)
         except PartialResultError as error:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
@@ -115,9 +116,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
 
-    def command(run: Run, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
-        parents = (_common_options(), robot_options(), *parents)  # made anew: a command may change its defaults
-        made = commands.add_parser(run.__name__, parents=parents, help=run.__doc__, description=run.__doc__)
+    def command(run: Run, *parents: argparse.ArgumentParser, car: bool = True) -> argparse.ArgumentParser:
+        # Made anew: a command may change its defaults.
+        all_of = (_common_options(), *((robot_options(),) if car else ()), *parents)
+        made = commands.add_parser(run.__name__, parents=all_of, help=run.__doc__, description=run.__doc__)
         made.set_defaults(run=run)
         return made
 

@@ -39,7 +39,8 @@ DISCRETE = frozenset({"dqn", "ppo-discrete"})
 """Algorithms that choose among the six discrete actions."""
 OFF_POLICY = frozenset({"ddpg", "dqn", "sac"})
 """Algorithms that learn from a replay."""
-_WITHOUT_END = 10**12
+WITHOUT_END = 10**12
+"""Steps or episodes of a run that something else ends."""
 
 
 def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
@@ -75,7 +76,7 @@ def build_learner(config: TrainConfig, env: Any) -> BaseAlgorithm:
     model = _build_off_policy(settings, common, network)
     if isinstance(model, RunBudget):
         # Thousands of planar cars have driven any number of episodes at once: their runs are counted in steps.
-        model.n_episodes = _WITHOUT_END if config.planar else config.episodes
+        model.n_episodes = WITHOUT_END if config.planar else config.episodes
         model.n_steps_of_run = config.steps
     return model
 

@@ -25,7 +25,7 @@ from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
-from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, build_learner
+from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, WITHOUT_END, build_learner
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
@@ -35,7 +35,6 @@ from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.vec_env import OverlappedVecEnv, learn_meanwhile, make_vec_env
 from zebrat_bullet.world import generate_tracks
 
-STEPS_WITHOUT_END = 10**9
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
 
 
@@ -124,7 +123,7 @@ def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Pro
             learn_meanwhile(model, vec_env)
         provenance = {"config": json.loads(to_json(config))} | run_versions()
         callback = RunCallback(config, folder, judge.drive, eval_worlds, observation, provenance, on_progress, state)
-        model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
+        model.learn(WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
     finally:
         vec_env.close()
         judge.close()
@@ -164,7 +163,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         assert isinstance(driven, OverlappedVecEnv)
         learn_meanwhile(model, driven, planar.gradient_steps)
     callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
-    model.learn(STEPS_WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
+    model.learn(WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
 
 
 def _from_the_start(task: TaskConfig) -> TaskConfig:
