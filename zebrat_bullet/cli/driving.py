@@ -106,6 +106,8 @@ def replay(arguments: argparse.Namespace) -> Result:
         raise ConfigError("name an .npz that `zebrat evaluate` wrote, or a recording: --bag FILE")
     if arguments.bag:
         return replay_bag(arguments)
+    if arguments.robot is not None:
+        raise ConfigError("a record is driven by its own car; leave --robot out")
     from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
@@ -214,7 +216,7 @@ def add(command: AddCommand) -> None:
     made.add_argument("--anywhere", action="store_true", help="begin anywhere along the way, not at the world's start")
     made.add_argument("--episodes", type=whole_number, default=10, help="in each world (default 10)")
 
-    made = command(replay, car=False)
+    made = command(replay)
     made.set_defaults(robot=None)
     made.add_argument(
         "record", nargs="?", type=Path, help="an .npz that `zebrat evaluate` wrote; --out FILE.mp4 draws it"
