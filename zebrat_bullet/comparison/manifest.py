@@ -29,7 +29,7 @@ class Training:
         init: name of another training; each algorithm and reward begins with the best policy of its seeds there.
         kept: a folder or zip archive of run folders that exist: finished ones are not run again.
         kept_seeds: of these, in every budget that does not cut the training short.
-        policies: of kept runs that can be judged, the policy file by the name of the run's folder.
+        policies: of kept runs, a folder of those policies that can be judged: RUN.safetensors.
     """
 
     __pydantic_config__ = _EXACT
@@ -44,7 +44,7 @@ class Training:
     init: str = ""
     kept: str = ""
     kept_seeds: tuple[int, ...] = ()
-    policies: dict[str, str] = field(default_factory=dict)
+    policies: str = ""
 
     def setting(self, algo: str) -> str:
         """Return what tells a judged policy from others of the same study and reward."""

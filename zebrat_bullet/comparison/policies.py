@@ -95,6 +95,12 @@ class Place:
         """Return whether the budget runs less of a training than the manifest asks for."""
         return bool(self.plan.trainings.get(name))
 
+    def kept_policy(self, name: str, run: Path) -> Path | None:
+        """Return the policy of a kept run; None where only its logs are kept."""
+        folder = self.manifest.trainings[name].policies
+        policy = self.checkout / folder / f"{run.name}.safetensors"
+        return policy if folder and policy.is_file() else None
+
     @contextmanager
     def read_runs(self, name: str) -> Iterator[dict[Path, Path]]:
         """Yield where each run of a training in this budget can be read: there, or in what is kept of it.
@@ -125,12 +131,11 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
     Raises:
         ConfigError: there is none; the message says what to run.
     """
-    policies, configs = place.manifest.trainings[name].policies, place.runs(name)
+    configs = place.runs(name)
     found: list[tuple[tuple[float, float, float], str, Path]] = []
     with place.read_runs(name) as runs:
         for run, readable in runs.items():
-            kept = place.checkout / policies[run.name] if run.name in policies else None
-            policy = run / POLICY if readable == run else kept
+            policy = run / POLICY if readable == run else place.kept_policy(name, run)
             wanted = who_of(run, configs[run]) == (algo, reward) and seed in (None, configs[run].seed)
             if wanted and policy is not None and policy.is_file():
                 found.append((best_rank(readable), run.name, policy))
@@ -179,9 +184,9 @@ def who_of(run: Path, config: TrainConfig) -> tuple[str, str]:
 def runs_by_policy(place: Place) -> dict[str, str]:
     """Return the name of the run that each policy is of, by the policy's portable path."""
     found: dict[str, str] = {}
-    for name, training in place.manifest.trainings.items():
+    for name in place.manifest.trainings:
         for run in place.runs(name):
             found[place.portable(run / POLICY)] = place.run_name(run)
-            if run.name in training.policies:
-                found[training.policies[run.name]] = place.run_name(run)
+            if kept := place.kept_policy(name, run):
+                found[place.portable(kept)] = place.run_name(run)
     return found
