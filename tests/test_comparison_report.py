@@ -29,6 +29,7 @@ from zebrat_bullet.report.comparison.section_drives import atlas_section, replay
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
 
+DOCS = Path(__file__).parent.parent / "docs"
 ZEBRAT = [sys.executable, "-c", "import sys; from zebrat_bullet.cli.main import main; sys.exit(main())"]
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
@@ -103,6 +104,11 @@ def test_the_command_writes_the_same_bytes_again(folder):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert json.loads(done.stdout)["files"] == 1
     assert again.read_bytes() == (folder / "report.html").read_bytes()
+
+
+def test_the_committed_report_is_what_its_committed_records_make(tmp_path):
+    (page,) = build_report(DOCS / "results" / "comparison", tmp_path / "report.html", read_manifest())
+    assert page.read_bytes() == (DOCS / "report.html").read_bytes(), "make it anew: zebrat report --out docs/report.html"
 
 
 def test_a_changed_record_changes_the_page(folder, made, tmp_path):

@@ -26,7 +26,7 @@ _TITLE = "Driving out of narrow passages: the paper's comparison, again and at s
 _LEAD = """\
 Seven ways to drive a car-like robot out of narrow passages, compared as in *Unguided Self-exploration in Narrow Spaces
 with Safety Region Enhanced Reinforcement Learning for Ackermann-steering Robots* (Tian, Liu, Zhou, Shi, IEEE MOST 2024,
-[arXiv 2209.08349](https://arxiv.org/abs/2209.08349)): at the paper's own budget, and at a hundred times more.
+[arXiv 2209.08349](https://arxiv.org/abs/2209.08349)): at the paper's own budget, and with many times its training.
 
 **{claims}**
 
