@@ -273,7 +273,7 @@ def _set(folder: Path) -> None:
 
 def _imitate(path: Path) -> None:
     demonstrations = load_demonstrations(path.parent)
-    encode_pairs(demonstrations, observation_of(demonstrations[0].record))
+    encode_pairs(demonstrations, observation_of(demonstrations[0]))
 
 
 def _run_config(path: Path) -> None:

@@ -64,6 +64,11 @@ class OracleAgent:
             command = self._tracker.act(reading.state)
         return command
 
+    @property
+    def lost(self) -> bool:
+        """It knows no way from where it last was asked: it found none, or the car has strayed from it."""
+        return self._tracker is None or self._has_strayed(self._tracker)
+
     def _has_strayed(self, tracker: PathTracker) -> bool:
         return abs(tracker.lateral_error_m) > _STRAYED_M or abs(tracker.heading_error_rad) > _STRAYED_RAD
 

@@ -1,13 +1,22 @@
 """The commands that learn or gather what is learnt from: train, demonstrate, imitate, teleop."""
 
 import argparse
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, file_name, note, placed, progress_bar, task_of
-from zebrat_bullet.cli.options import noisy_options, place_options, reward_options, task_options
+from zebrat_bullet.cli.options import (
+    noisy_options,
+    place_options,
+    reward_options,
+    sim_option,
+    task_options,
+    whole_number,
+    workers_option,
+)
 from zebrat_bullet.errors import ConfigError
 
 
@@ -69,22 +78,27 @@ def _train_config(arguments: argparse.Namespace) -> Any:
 
 
 def demonstrate(arguments: argparse.Namespace) -> Result:
-    """Let an agent drive and record it as demonstrations to imitate."""
+    """Let an agent drive and record it as demonstrations to imitate; the oracle also on generated tracks."""
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.agents.human import HumanLikeAgent
     from zebrat_bullet.training.demonstrations import demonstrate
 
+    if (arguments.sim == "planar") > bool(arguments.generated):
+        raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
+    if arguments.generated:
+        return _demonstrate_generated(arguments)
+    pairs = 10_000 if arguments.pairs is None else arguments.pairs
     task = task_of(arguments)
     out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     if arguments.human_noise:
         agent = HumanLikeAgent(agent, task.physics)
     with progress_bar(arguments) as bar:
-        shown = bar.add_task("pairs", total=arguments.pairs)
+        shown = bar.add_task("pairs", total=pairs)
         done = demonstrate(
             agent,
             placed(arguments, arguments.worlds),
-            arguments.pairs,
+            pairs,
             out,
             task,
             arguments.seed,
@@ -95,16 +109,50 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     return {"folder": str(out), **done}, text
 
 
+def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
+    from zebrat_bullet.training.planar_demonstrations import Demonstrating, demonstrate_generated
+    from zebrat_bullet.world import FAMILIES
+
+    if arguments.sim not in (None, "planar"):
+        raise ConfigError(f"--generated: planar cars drive generated tracks, got --sim {arguments.sim}; leave it out")
+    if arguments.pairs or arguments.human_noise or arguments.start or arguments.goal or arguments.exit:
+        raise ConfigError(
+            "--pairs, --human-noise, --start, --goal and --exit go with --worlds, not with --generated; leave them out"
+        )
+    arguments.sim = "planar"
+    how = Demonstrating(
+        agent=arguments.agent,
+        families=tuple(arguments.families or FAMILIES),
+        episodes=arguments.episodes,
+        action_noise=arguments.action_noise,
+        task=task_of(arguments),
+        seed=arguments.seed,
+    )
+    out = arguments.out or Path("results/demonstrations") / f"generated-{file_name(arguments.agent)}"
+    with progress_bar(arguments) as bar:
+        shown = bar.add_task("tracks", total=arguments.generated)
+        done = demonstrate_generated(
+            how,
+            arguments.generated,
+            out,
+            arguments.workers or len(os.sched_getaffinity(0)),
+            lambda tracks, pairs: bar.update(shown, completed=tracks, description=f"tracks, {pairs} pairs"),
+        )
+    ends = ", ".join(f"{n} {name}" for name, n in done.items() if name not in ("pairs", "tracks") and n)
+    return {"folder": str(out), **done}, f"{done['pairs']} pairs on {done['tracks']} tracks ({ends}): {out}"
+
+
 def imitate(arguments: argparse.Namespace) -> Result:
     """Clone the behaviour in demonstrations; with --dagger, let an expert label what the learner then meets."""
     from zebrat_bullet.config_text import with_overrides
     from zebrat_bullet.training import imitation
+    from zebrat_bullet.training.imitation_config import ImitationConfig
 
     folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
     if arguments.resume:
         imitation.resume_imitation(folder, lambda said: note(arguments, said))
     else:
-        config = imitation.ImitationConfig(
+        config = ImitationConfig(
             demonstrations=arguments.demonstrations,
             iterations=arguments.dagger,
             expert=arguments.expert,
@@ -163,14 +211,25 @@ def add(command: AddCommand) -> None:
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 
-    made = command(demonstrate, task_options(), noisy_options(), reward_options(), place_options())
+    made = command(
+        demonstrate,
+        *(task_options(), noisy_options(), reward_options(), place_options(), sim_option(), workers_option()),
+    )
     made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
     made.add_argument(
         "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
     )
+    made.add_argument("--pairs", type=int, help="steps of successful episodes to record (default 10000)")
     made.add_argument(
-        "--pairs", type=int, default=10_000, help="steps of successful episodes to record (default 10000)"
+        "--generated",
+        type=whole_number,
+        default=0,
+        metavar="N",
+        help="instead: N generated tracks for training, on planar cars, by the oracle; where --action-noise is given "
+        "each episode draws its own, up to this, and the label stays the oracle's own command",
     )
+    made.add_argument("--families", nargs="+", metavar="FAMILY", help="of --generated, in turn (default: all)")
+    made.add_argument("--episodes", type=whole_number, default=1, help="in each track of --generated (default 1)")
     made.add_argument("--human-noise", action="store_true", help="act late, steer unsteadily, change speed gently")
     made.add_argument("--compact", action="store_true", help="leave the 360-range scans out: a sixth of the size")
 

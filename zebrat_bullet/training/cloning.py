@@ -23,6 +23,7 @@ class CloneConfig:
         hidden: units of each hidden layer.
         last_command: also see the last command, not the ranges alone. Off, as in the paper: what a driver does next is
             mostly what it did last, and a network that sees this learns to repeat itself.
+        log_gaps: also see the logarithms of the gaps, as the policies of this package do. Off, as in the paper.
         epochs: passes over the training pairs.
         batch_size, lr: of Adam.
         held_out: share of the episodes kept from training; the epoch that does best on them is returned.
@@ -31,6 +32,7 @@ class CloneConfig:
 
     hidden: tuple[int, ...] = (512, 512)
     last_command: bool = False
+    log_gaps: bool = False
     epochs: int = 20
     batch_size: int = 64
     lr: float = 3e-4
@@ -79,7 +81,7 @@ def clone(
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     held_out = _held_out(pairs, config.held_out, rng)
-    n_inputs = observation.size if config.last_command else observation.n_rays
+    n_inputs = observation.size if config.last_command else observation.size - 2  # it comes last
     inputs, targets = torch.from_numpy(pairs.observations[:, :n_inputs]), torch.from_numpy(pairs.actions)
     train, test = np.flatnonzero(~held_out), np.flatnonzero(held_out)
     network = _network(n_inputs, config.hidden)

@@ -2,7 +2,8 @@
 
 Every `.npz` below the folder is one episode (`evaluation/records.py` documents each array). Row t pairs what the driver
 saw with what it did: `obs_m[t]` (and `command[t - 1]`, the last command, zero at t = 0) with `command[t]`. Beside a
-record may lie `NAME.labels.npy`, (T, 2) float64, m/s and rad: what an expert would have done at each step of it.
+record may lie `NAME.labels.npy`, (T, 2) float64, m/s and rad: what an expert would have done at each step of it. A
+`NAME.planar.npz` holds many episodes on generated tracks (`training/demonstration.py`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,18 +24,10 @@ from zebrat_bullet.files import read_npy
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.archive import as_folder
+from zebrat_bullet.training.demonstration import SUFFIX, Demonstration, read_demonstrations
 from zebrat_bullet.training.places import judging_worlds
-from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
 
 MAX_FAILURES_IN_A_ROW = 20
-
-
-@dataclass(frozen=True, slots=True)
-class Demonstration:
-    """One episode to imitate: its record and the (T, 2) commands that are right, in m/s and rad."""
-
-    record: EpisodeRecord
-    labels: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +35,7 @@ class Pairs:
     """Encoded training data.
 
     Attributes:
-        observations: (N, n_rays + 2) float32, as `ObservationSpec.encode` makes them.
+        observations: (N, size) float32, as `ObservationSpec.encode` makes them.
         actions: (N, 2) float32 in [-1, 1].
         episode: (N,) int64, which episode each pair is from.
     """
@@ -133,7 +126,7 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
         raise ConfigError(
             f"{folder} holds no successful episode; record some with `zebrat demonstrate` or `zebrat teleop`"
         )
-    specs = {observation_of(demonstration.record) for demonstration in found}
+    specs = {observation_of(demonstration) for demonstration in found}
     if len(specs) > 1:
         raise ConfigError(f"{folder}: the episodes differ in bearings, reach or limits: {specs}; keep one kind of them")
     return found
@@ -141,6 +134,9 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
 
 def _demonstrations(folder: Path) -> Iterator[Demonstration]:
     for path in sorted(folder.rglob("*.npz")):
+        if path.name.endswith(SUFFIX):
+            yield from read_demonstrations(path)
+            continue
         record = load_record(path)
         if labels_path(path).exists():
             labels = read_npy(labels_path(path), ZebratError)
@@ -149,40 +145,38 @@ def _demonstrations(folder: Path) -> Iterator[Demonstration]:
                     f"{labels_path(path)} has shape {labels.shape}, its record {record.command.shape}, and labels are "
                     "finite numbers; label it again"
                 )
-            yield Demonstration(record, labels)
+            yield _of_record(record, labels)
         elif record.outcome == "success":
-            yield Demonstration(record, record.command)
+            yield _of_record(record, record.command)
 
 
-def observation_of(record: EpisodeRecord) -> ObservationSpec:
-    """Return the observation of the task that an episode was driven in."""
+def _of_record(record: EpisodeRecord, labels: NDArray[np.float64]) -> Demonstration:
+    last = np.concatenate([np.zeros((1, 2)), record.command[:-1]])
     task = from_json(TaskConfig, record.task)
+    return Demonstration(record.world, "", task, record.range_m, record.obs_m[:-1], last, labels)
+
+
+def observation_of(demonstration: Demonstration, log_gaps: bool = False) -> ObservationSpec:
+    """Return the observation of the task that an episode was driven in, with the logarithms of the gaps or without."""
+    task, range_m = demonstration.task, demonstration.range_m
     return ObservationSpec(
-        n_rays=len(record.range_m),
+        n_rays=len(range_m),
         range_max_m=task.lidar.range_max_m,
         max_speed_mps=task.physics.max_speed_mps,
         max_steering_rad=task.physics.max_steering_rad,
+        gap_ranges_m=tuple(range_m.tolist()) if log_gaps else (),
     )
 
 
 def encode_pairs(demonstrations: Sequence[Demonstration], observation: ObservationSpec) -> Pairs:
     """Return every step of the demonstrations as training data."""
-    observations = [observation.encode(r) for demonstration in demonstrations for r in _readings(demonstration.record)]
+    observations = [
+        observation.encode_cars(each.obs_m, each.last_command.astype(np.float32)) for each in demonstrations
+    ]
     labels = np.concatenate([demonstration.labels for demonstration in demonstrations])
     lengths = [len(demonstration.labels) for demonstration in demonstrations]
     return Pairs(
-        np.array(observations),
+        np.concatenate(observations),
         np.clip(labels / observation.limits, -1.0, 1.0).astype(np.float32),
         np.repeat(np.arange(len(lengths)), lengths),
     )
-
-
-def _readings(record: EpisodeRecord) -> Iterator[Reading]:
-    """Yield the reading before each command, as the driver had it."""
-    reach = from_json(TaskConfig, record.task).lidar.range_max_m
-    last = Command(0.0, 0.0)
-    for t, (speed, steering) in enumerate(record.command):
-        clearance = Clearance(record.obs_m[t], record.range_m, False)
-        scan = FlatScan(record.scan_m[t], reach)
-        yield Reading(scan, clearance, last, float(record.speed_mps[t]), float(record.time_s[t]))
-        last = Command(float(speed), float(steering))

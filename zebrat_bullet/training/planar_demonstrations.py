@@ -1,0 +1,150 @@
+"""The oracle drives planar cars on generated tracks, by the thousand, and its commands are kept to be imitated.
+
+A perfect drive shows no recoveries. So the car may be disturbed while the label stays the oracle's own command: by
+noise (DART, Laskey et al. 2017), or by a learner that drives in its stead (DAgger, Ross et al. 2011).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from zebrat_bullet.agents import load_agent
+from zebrat_bullet.agents.oracle import OracleAgent
+from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.config import TaskConfig, within
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.drive import N_STARTS
+from zebrat_bullet.processes import in_order
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.task.episode import Outcome
+from zebrat_bullet.training.demonstration import SUFFIX, Demonstration, save_demonstrations
+from zebrat_bullet.training.labelled_drive import Disturbance, drive_labelled
+from zebrat_bullet.training.settings import VALIDATION_SEED
+from zebrat_bullet.world import FAMILIES, check_family, generate_tracks
+
+TRACKS_ABREAST = 64
+"""Tracks that are driven together, and kept in one file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demonstrating:
+    """How the oracle demonstrates on generated tracks.
+
+    Attributes:
+        agent: the oracle, with settings if any.
+        families: of the tracks, in turn.
+        episodes: from so many starts of each track.
+        action_noise: most noise on what is driven, sigma as a fraction of the limits; each episode draws its own, from
+            0 to this. The label stays the oracle's own command.
+        task: the task driven.
+        seed: of the noise.
+    """
+
+    agent: str = "oracle"
+    families: tuple[str, ...] = FAMILIES
+    episodes: int = 1
+    action_noise: float = 0.0
+    task: TaskConfig
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        within(self, episodes=(1, N_STARTS), action_noise=(0.0, 10.0))
+        if not self.families:
+            raise ConfigError("families is empty; name at least one family of tracks")
+        for family in self.families:
+            check_family(family, None)
+        _oracle(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What came of some tracks: the episodes to imitate, and how all that were driven ended."""
+
+    demonstrations: list[Demonstration]
+    outcomes: list[Outcome]
+
+    @property
+    def n_pairs(self) -> int:
+        """Steps to imitate."""
+        return sum(len(each.labels) for each in self.demonstrations)
+
+
+def demonstrate_generated(
+    how: Demonstrating,
+    n_tracks: int,
+    folder: Path,
+    workers: int = 1,
+    on_pairs: Callable[[int, int], None] = lambda n_tracks, n_pairs: None,
+) -> dict[str, int]:
+    """Let the oracle drive the generated tracks of the seeds from 0 on, and keep what is to be imitated.
+
+    The same settings give the same files, whatever `workers`.
+
+    Args:
+        how: who drives, where and how disturbed.
+        n_tracks: so many tracks; a seed that has none is left out.
+        folder: where the files go; must be empty or absent.
+        workers: processes.
+        on_pairs: told after each file how many tracks are driven and how many pairs kept.
+
+    Returns:
+        "pairs", "tracks", and the number of episodes by outcome.
+
+    Raises:
+        ConfigError: the folder holds something, or so many tracks there are not.
+    """
+    if not 1 <= n_tracks <= VALIDATION_SEED:
+        raise ConfigError(f"demonstrate on 1 to {VALIDATION_SEED} generated tracks, got {n_tracks}")
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
+    done = {"pairs": 0, "tracks": 0} | dict.fromkeys(map(str, Outcome), 0)
+    batches = [range(first, min(first + TRACKS_ABREAST, n_tracks)) for first in range(0, n_tracks, TRACKS_ABREAST)]
+    for seeds, driven in zip(batches, in_order(partial(drive_seeds, how), batches, workers), strict=True):
+        if driven.demonstrations:
+            save_demonstrations(driven.demonstrations, folder / f"tracks-{seeds[0]:06d}{SUFFIX}")
+        for outcome in driven.outcomes:
+            done[outcome] += 1
+        done["pairs"] += driven.n_pairs
+        done["tracks"] += len(seeds)
+        on_pairs(done["tracks"], done["pairs"])
+    return done
+
+
+def drive_seeds(
+    how: Demonstrating, seeds: Sequence[int], learner: PolicyAgent | None = None, beta: float = 1.0
+) -> Driven:
+    """Drive the generated tracks of some seeds, all at once, one start after the other.
+
+    Failures that may be the oracle's own are left out: all, where nothing disturbs it; all but collisions, where noise
+    does. Where a learner drives they are the learner's.
+
+    Args:
+        how: who labels, where and how disturbed.
+        seeds: of the tracks.
+        learner, beta: as of `Disturbance`.
+    """
+    worlds = list(generate_tracks(seeds, family=how.families, robot=load_robot(how.task.robot)))
+    oracles = [_oracle(how) for _ in worlds]
+    disturbance = Disturbance(how.action_noise, learner, beta)
+    counted = {Outcome.SUCCESS, Outcome.COLLISION} if how.action_noise else {Outcome.SUCCESS}
+    counted = set(Outcome) if learner else counted
+    kept: list[Demonstration] = []
+    outcomes: list[Outcome] = []
+    for start in range(how.episodes):
+        rng = np.random.default_rng([how.seed, seeds[0], start])
+        episodes, ended = drive_labelled(worlds, oracles, how.task, start, disturbance, rng)
+        outcomes += ended
+        kept += [each for each, outcome in zip(episodes, ended, strict=True) if outcome in counted and len(each.labels)]
+    return Driven(kept, outcomes)
+
+
+def _oracle(how: Demonstrating) -> OracleAgent:
+    agent = load_agent(how.agent, how.task)
+    if not isinstance(agent, OracleAgent):
+        raise ConfigError(
+            f"on generated tracks the oracle demonstrates, {how.agent!r} is another; let it drive in PyBullet: --worlds"
+        )
+    return agent
