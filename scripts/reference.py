@@ -17,10 +17,12 @@ from pydantic import BaseModel
 from zebrat_bullet import config
 from zebrat_bullet.cli.main import make_parser
 from zebrat_bullet.cli.options import robot_options
+from zebrat_bullet.imitation import cloning
+from zebrat_bullet.imitation import settings as imitation_settings
 from zebrat_bullet.planning.dwa.config import DwaConfig
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
 from zebrat_bullet.planning.teb.config import TebConfig
-from zebrat_bullet.training import cloning, collapses, imitation_config, settings
+from zebrat_bullet.training import collapses, settings
 from zebrat_bullet.world import schema
 
 CONFIGS: tuple[tuple[str, str, type], ...] = (
@@ -42,7 +44,7 @@ CONFIGS: tuple[tuple[str, str, type], ...] = (
     ("learner", "DQN", settings.DQNConfig),
     ("learner", "SAC", settings.SACConfig),
     ("learner", "PPO", settings.PPOConfig),
-    ("", "Imitation", imitation_config.ImitationConfig),
+    ("", "Imitation", imitation_settings.ImitationConfig),
     ("clone", "Imitation: the network", cloning.CloneConfig),
     ("", "DWA", DwaConfig),
     ("", "TEB", TebConfig),

@@ -39,6 +39,7 @@ from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, read_set, save_set
+from zebrat_bullet.imitation.demonstrations import encode_pairs, load_demonstrations, observation_of
 from zebrat_bullet.planning.certificate import load_certificate
 from zebrat_bullet.recording.bag import Bag
 from zebrat_bullet.recording.open_loop import run_open_loop
@@ -46,7 +47,6 @@ from zebrat_bullet.recording.topics import choose_topics
 from zebrat_bullet.report.curves import draw_learning_curve
 from zebrat_bullet.report.learning_runs import read_groups
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.training.demonstrations import encode_pairs, load_demonstrations, observation_of
 from zebrat_bullet.training.run_folder import read_summary, summarise
 from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
 from zebrat_bullet.training.sweep import read_manifest

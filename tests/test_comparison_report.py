@@ -107,8 +107,11 @@ def test_the_command_writes_the_same_bytes_again(folder):
 
 
 def test_the_committed_report_is_what_its_committed_records_make(tmp_path):
+    """Where it is not: `zebrat report --out docs/report.html` makes it anew."""
     (page,) = build_report(DOCS / "results" / "comparison", tmp_path / "report.html", read_manifest())
-    assert page.read_bytes() == (DOCS / "report.html").read_bytes(), "make it anew: zebrat report --out docs/report.html"
+    assert page.read_bytes() == (DOCS / "report.html").read_bytes(), (
+        "make it anew: zebrat report --out docs/report.html"
+    )
 
 
 def test_a_changed_record_changes_the_page(folder, made, tmp_path):

@@ -14,18 +14,18 @@ from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, Task
 from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
-from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.training.cloning import CloneConfig, clone
-from zebrat_bullet.training.demonstrations import (
+from zebrat_bullet.imitation.cloning import CloneConfig, clone
+from zebrat_bullet.imitation.demonstrations import (
     demonstrate,
     encode_pairs,
     labels_path,
     load_demonstrations,
     observation_of,
 )
-from zebrat_bullet.training.imitation import imitate, iterations, resume_imitation
-from zebrat_bullet.training.imitation_config import ImitationConfig
-from zebrat_bullet.training.imitation_places import MixtureAgent
+from zebrat_bullet.imitation.places import MixtureAgent
+from zebrat_bullet.imitation.run import imitate, iterations, resume_imitation
+from zebrat_bullet.imitation.settings import ImitationConfig
+from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
 from zebrat_bullet.world import load_world
 

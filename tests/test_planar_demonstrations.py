@@ -14,14 +14,14 @@ from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PlanError, ZebratError
 from zebrat_bullet.evaluation.planar_policy import cars_for
+from zebrat_bullet.imitation import places
+from zebrat_bullet.imitation.cloning import CloneConfig
+from zebrat_bullet.imitation.demonstration import read_demonstrations, save_demonstrations
+from zebrat_bullet.imitation.demonstrations import load_demonstrations
+from zebrat_bullet.imitation.planar_demonstrations import Demonstrating, demonstrate_generated, drive_seeds
+from zebrat_bullet.imitation.run import imitate, iterations, resume_imitation
+from zebrat_bullet.imitation.settings import ImitationConfig
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.training import imitation_places
-from zebrat_bullet.training.cloning import CloneConfig
-from zebrat_bullet.training.demonstration import read_demonstrations, save_demonstrations
-from zebrat_bullet.training.demonstrations import load_demonstrations
-from zebrat_bullet.training.imitation import imitate, iterations, resume_imitation
-from zebrat_bullet.training.imitation_config import ImitationConfig
-from zebrat_bullet.training.planar_demonstrations import Demonstrating, demonstrate_generated, drive_seeds
 from zebrat_bullet.training.settings import VALIDATION_SEED
 from zebrat_bullet.world import HELD_OUT_SEED, generate_tracks
 
@@ -99,7 +99,7 @@ def test_a_crash_counts_only_where_the_oracle_was_disturbed():
 
 
 def test_a_clone_with_dagger_resumes_to_the_same_weights_and_drives_what_it_sees(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(imitation_places, "TRACKS_ABREAST", 2)  # for speed
+    monkeypatch.setattr(places, "TRACKS_ABREAST", 2)  # for speed
     config = ImitationConfig(
         demonstrations=str(folder),
         iterations=2,

@@ -81,7 +81,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     """Let an agent drive and record it as demonstrations to imitate; the oracle also on generated tracks."""
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.agents.human import HumanLikeAgent
-    from zebrat_bullet.training.demonstrations import demonstrate
+    from zebrat_bullet.imitation.demonstrations import demonstrate
 
     if (arguments.sim == "planar") > bool(arguments.generated):
         raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
@@ -110,7 +110,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
 
 
 def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
-    from zebrat_bullet.training.planar_demonstrations import Demonstrating, demonstrate_generated
+    from zebrat_bullet.imitation.planar_demonstrations import Demonstrating, demonstrate_generated
     from zebrat_bullet.world import FAMILIES
 
     if arguments.sim not in (None, "planar"):
@@ -145,12 +145,12 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
 def imitate(arguments: argparse.Namespace) -> Result:
     """Clone the behaviour in demonstrations; with --dagger, let an expert label what the learner then meets."""
     from zebrat_bullet.config_text import with_overrides
-    from zebrat_bullet.training import imitation
-    from zebrat_bullet.training.imitation_config import ImitationConfig
+    from zebrat_bullet.imitation import run
+    from zebrat_bullet.imitation.settings import ImitationConfig
 
     folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
     if arguments.resume:
-        imitation.resume_imitation(folder, lambda said: note(arguments, said))
+        run.resume_imitation(folder, lambda said: note(arguments, said))
     else:
         config = ImitationConfig(
             demonstrations=arguments.demonstrations,
@@ -158,8 +158,8 @@ def imitate(arguments: argparse.Namespace) -> Result:
             expert=arguments.expert,
             seed=arguments.seed,
         )
-        imitation.imitate(with_overrides(config, arguments.set), folder, lambda said: note(arguments, said))
-    rows = imitation.iterations(folder)
+        run.imitate(with_overrides(config, arguments.set), folder, lambda said: note(arguments, said))
+    rows = run.iterations(folder)
     text = "\n".join(
         f"iteration {row['iteration']:.0f}: {row['pairs']:.0f} pairs, held-out loss {row['held_out_loss']:.4f}, "
         f"noise-free success {row['success']:.0%}"

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from zebrat_bullet.config import MOST_SEED, within
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.training.cloning import CloneConfig
+from zebrat_bullet.imitation.cloning import CloneConfig
 from zebrat_bullet.training.settings import VALIDATION_SEED
 from zebrat_bullet.world import HELD_OUT_SEED
 

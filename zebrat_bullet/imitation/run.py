@@ -14,10 +14,10 @@ from zebrat_bullet.config_text import read_config, to_json
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.files import refusing
-from zebrat_bullet.training.cloning import Clone, clone
-from zebrat_bullet.training.demonstrations import encode_pairs, load_demonstrations, observation_of
-from zebrat_bullet.training.imitation_config import ImitationConfig
-from zebrat_bullet.training.imitation_places import GeneratedPlaces, WorldPlaces
+from zebrat_bullet.imitation.cloning import Clone, clone
+from zebrat_bullet.imitation.demonstrations import encode_pairs, load_demonstrations, observation_of
+from zebrat_bullet.imitation.places import GeneratedPlaces, WorldPlaces
+from zebrat_bullet.imitation.settings import ImitationConfig
 from zebrat_bullet.training.logs import rank
 from zebrat_bullet.training.run import run_versions
 

@@ -11,8 +11,8 @@ from torch import nn
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import within
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.imitation.demonstrations import Pairs
 from zebrat_bullet.task.observation import ObservationSpec
-from zebrat_bullet.training.demonstrations import Pairs
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,12 +16,12 @@ from zebrat_bullet.agents.oracle import OracleAgent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, save_demonstrations
+from zebrat_bullet.imitation.labelled_drive import Disturbance, drive_labelled
 from zebrat_bullet.planar.drive import N_STARTS
 from zebrat_bullet.processes import in_order
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.training.demonstration import SUFFIX, Demonstration, save_demonstrations
-from zebrat_bullet.training.labelled_drive import Disturbance, drive_labelled
 from zebrat_bullet.training.settings import VALIDATION_SEED
 from zebrat_bullet.world import FAMILIES, check_family, generate_tracks
 

@@ -17,20 +17,20 @@ from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.metrics import score
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
-from zebrat_bullet.robot import load_robot
-from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.training.demonstration import (
+from zebrat_bullet.imitation.demonstration import (
     SUFFIX,
     Demonstration,
     read_demonstrations,
     save_demonstrations,
     seed_of,
 )
-from zebrat_bullet.training.demonstrations import labels_path
-from zebrat_bullet.training.imitation_config import ImitationConfig
+from zebrat_bullet.imitation.demonstrations import labels_path
+from zebrat_bullet.imitation.planar_demonstrations import TRACKS_ABREAST, Demonstrating, drive_seeds
+from zebrat_bullet.imitation.settings import ImitationConfig
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.training.places import judging_worlds
-from zebrat_bullet.training.planar_demonstrations import TRACKS_ABREAST, Demonstrating, drive_seeds
 from zebrat_bullet.training.settings import VALIDATION_SEED
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import World, generate_tracks

@@ -10,10 +10,10 @@ from zebrat_bullet.agents.oracle import OracleAgent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.arrays import on_host
 from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.imitation.demonstration import Demonstration
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.sim.ackermann import virtual_steering
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.training.demonstration import Demonstration
 from zebrat_bullet.types import Clearance, Command, Commands, FlatScan, Pose2, Reading, RobotState
 from zebrat_bullet.world import World
 

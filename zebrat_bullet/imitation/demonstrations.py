@@ -21,10 +21,10 @@ from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.files import read_npy
+from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, read_demonstrations
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.archive import as_folder
-from zebrat_bullet.training.demonstration import SUFFIX, Demonstration, read_demonstrations
 from zebrat_bullet.training.places import judging_worlds
 
 MAX_FAILURES_IN_A_ROW = 20

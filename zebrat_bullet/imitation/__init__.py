@@ -1,0 +1,1 @@
+"""Learning from whoever drives: demonstrations, behaviour cloning, DAgger."""
