@@ -21,6 +21,7 @@ from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 
@@ -289,6 +290,14 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
         assert "finetuning-fomt" not in judged
     finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
     assert ("train paper-fomt" in finished) == (budget == "laptop")
+
+
+def test_a_set_of_fewer_tracks_than_are_asked_for_is_driven_whole(tmp_path: Path):
+    here = Place(manifest=read_manifest(SHIPPED), budget="laptop", out=tmp_path, checkout=ROOT)
+    judged = [step for step in steps(here) if isinstance(step, Judge) and step.cell.agent == "shipped"]
+    tracks = {step.cell.place: step.made_by()["tracks"] for step in judged}
+    assert tracks["corners"] == 50 and tracks["track_2"] is None
+    assert tracks["reversals-5"] == len(read_set("reversals-5").tracks) < 50
 
 
 def test_rows_in_any_order_make_the_same_bytes(tmp_path: Path):

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +12,7 @@ from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
@@ -170,17 +172,23 @@ class Judge:
         file = self.place.checkout / cell.agent
         return str(file) if is_file(file) else cell.agent
 
+    def _n_tracks(self) -> int | None:
+        """Return how many tracks of a set are driven: as many as are asked for, or all; None of a world."""
+        if not self.cell.is_set:
+            return None
+        asked = self.place.plan.judgements[self.cell.judgement].tracks or self.how.tracks
+        return min(asked, _size(self.cell.place)) if asked else None
+
     def made_by(self) -> dict[str, Any]:
         """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
         agent = self.agent()
-        share = self.place.plan.judgements[self.cell.judgement]
         return {
             "agent": self.place.portable(Path(agent)) if is_file(agent) else agent,
             "sha256": sha256(Path(agent)) if is_file(agent) else "",
             "sim": self.cell.sim,
             "seed": self.how.seed,
             "options": list(self.how.options),
-            "tracks": (share.tracks or self.how.tracks) if self.cell.is_set else None,
+            "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
 
@@ -210,6 +218,11 @@ class Judge:
             *("--episodes", str(self.cell.episodes), "--seed", str(self.how.seed), *self.how.options),
             *("--workers", "1", "--out", str(self.folder), "--quiet"),
         ]
+
+
+@cache
+def _size(name: str) -> int:
+    return len(read_set(name).tracks)
 
 
 def steps(place: Place, ray: str | None = None) -> list[Step]:
