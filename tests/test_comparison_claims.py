@@ -16,6 +16,7 @@ from zebrat_bullet.report.comparison.statistics import (
     rate_difference,
     seeds_difference,
 )
+from zebrat_bullet.report.comparison.studies import more_on_sets
 
 ALL, NONE, HALF = "s" * 40, "c" * 40, "sc" * 20
 CORNERS = ("track_2", "track_7")
@@ -181,3 +182,27 @@ def test_on_held_out_tracks_it_is_counted_who_backs_up_where_nothing_asks_for_it
     assert success.head == backing.head == ("set", "0", "2")
     assert [cell.text for cell in success.rows[0][1:]] == ["100 %", "100 %"]
     assert [cell.text for cell in backing.rows[0][1:]] == ["20 %", "75 %"]
+
+
+@pytest.mark.parametrize(
+    "m_and_t, t, seeds, verdict",
+    [
+        ("s" * 8, "sc" * 4, 3, Verdict.UPHELD),
+        ("sc" * 4, "s" * 8, 3, Verdict.NOT_UPHELD),
+        ("s" * 8, "sc" * 4, 2, Verdict.UNDECIDED),
+        ("s" * 8, "", 3, Verdict.UNDECIDED),
+    ],
+)
+def test_a_set_that_does_better_on_held_out_tracks_does_so_over_seeds(m_and_t, t, seeds, verdict):
+    def judged(reward: str, outcomes: str, variant: str = "") -> list[dict[str, Any]]:
+        names = [f"{variant}{reward}-{seed}" for seed in range(seeds)]
+        runs.extend(run(name, "ppo", reward, study="scale", variant=variant) for name in names)
+        where = {"study": "scale", "sim": "planar", "family": "uneven", "reversals": 0}
+        rows = [episodes(f"RL_{reward.upper()}", "uneven", outcomes, run=name, **where) for name in names]
+        return [row for of_run in rows for row in of_run]
+
+    runs: list[dict[str, Any]] = []
+    drives = [*judged("fmt", m_and_t), *judged("ft", t), *judged("ft", "s" * 8, "crash")]  # a variant counts for none
+    made = Evidence(tables(runs=runs, episodes=drives))
+    assert more_on_sets("RL_FMT", "RL_FT", ("uneven",))(made, "scale").verdict is verdict
+    assert not more_on_sets("RL_FMT", "RL_FT", ("corners",))(made, "scale").driven

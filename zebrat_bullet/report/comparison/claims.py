@@ -14,7 +14,13 @@ from zebrat_bullet.report.comparison.evidence import (
     failed,
 )
 from zebrat_bullet.report.comparison.rules import Finding, Rule, every, faster, leads, more, often_fails
-from zebrat_bullet.report.comparison.studies import LAST_PART, collides_more_at, detects_most, highest_return
+from zebrat_bullet.report.comparison.studies import (
+    LAST_PART,
+    collides_more_at,
+    detects_most,
+    highest_return,
+    more_on_sets,
+)
 
 _RIVALS = tuple(name for name in METHODS if name != OURS)
 _FEATURES = ("track_4", "track_8")
@@ -127,3 +133,28 @@ CLAIMS = (
         often_fails("RL_WG", RIGHT_ANGLES),
     ),
 )
+
+_STRAIGHT_OUT = ("corridors", "corners", "uturns", "curves", "uneven", "bottlenecks", "boxes", "niches")
+HARDER = (
+    Claim(
+        "M carries uneven tracks",
+        "held-out set `uneven`",
+        "more success of RL_FMT than of RL_FT, and of RL_FOMT than of RL_FOT",
+        every(*(more_on_sets(a, b, ("uneven",)) for a, b in (("RL_FMT", "RL_FT"), (OURS, "RL_FOT")))),
+    ),
+    Claim(
+        "O carries uneven tracks as well",
+        "held-out set `uneven`",
+        "more success of RL_FOT than of RL_FT, and of RL_FOMT than of RL_FMT",
+        every(*(more_on_sets(a, b, ("uneven",)) for a, b in (("RL_FOT", "RL_FT"), (OURS, "RL_FMT")))),
+    ),
+    Claim(
+        "O lowers collisions",
+        "the eight held-out sets without reversals",
+        "more collisions of RL_FT than of RL_FOT, and of RL_FMT than of RL_FOMT",
+        every(
+            *(more_on_sets(a, b, _STRAIGHT_OUT, "collision") for a, b in (("RL_FT", "RL_FOT"), ("RL_FMT", OURS))),
+        ),
+    ),
+)
+"""What the paper claims of O and M, asked again where there is more to fail at than in its tracks."""

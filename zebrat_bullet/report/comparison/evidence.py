@@ -207,6 +207,17 @@ class Evidence:
         whole = [of_run[run] for run in sorted(of_run) if len(of_run[run]) == len(places)]
         return [sum(rate(drives, what).share for drives in at.values()) / len(places) for at in whole]
 
+    def on_sets(self, method: str, families: Sequence[str], outcome: str) -> list[float]:
+        """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale."""
+        counts: dict[str, list[int]] = defaultdict(lambda: [0, 0])
+        for row in self.held_out:
+            its = (row["study"], row["method"], row["noise"]) == ("scale", method, "") and row["place"] in families
+            if its and row["run"] is not None and not self.variant(row["run"]):
+                at = counts[row["run"]]
+                at[0] += row["n"] if row["outcome"] == outcome else 0
+                at[1] += row["n"]
+        return [k / n for _, (k, n) in sorted(counts.items())]
+
     def compare(
         self, scope: Scope, a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool]
     ) -> tuple[Difference, str] | None:

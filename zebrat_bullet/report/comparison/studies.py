@@ -1,6 +1,7 @@
 """Rules for what is not driven in tracks: the collision study, the training curves, the dilation radius."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from typing import Any
 
 from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, collided, rate
@@ -97,6 +98,23 @@ def highest_return(algorithm: str) -> Rule:
             return Finding(Verdict.UNDECIDED, f"{said}: fewer than {ENOUGH_SEEDS} seeds")
         differences = [seeds_difference(found[algorithm], found[name]) for name in rivals]
         return Finding(weakest([Finding(of_difference(at, 0.0), "") for at in differences]).verdict, said)
+
+    return rule
+
+
+def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "success") -> Rule:
+    """Return the rule that episodes of method `a` on held-out sets end so oftener than those of `b`, over runs."""
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        x, y = (evidence.on_sets(name, families, outcome) for name in (a, b))
+        if not x or not y:
+            return NOT_DRIVEN
+        said = "; ".join(f"{n} {sum(v) / len(v):.0%} (mean of {len(v)} runs)" for n, v in ((a, x), (b, y)))
+        if min(len(x), len(y)) < ENOUGH_SEEDS:
+            return Finding(Verdict.UNDECIDED, f"{outcome}: {said}: fewer than {ENOUGH_SEEDS} seeds")
+        at = seeds_difference(x, y)
+        points = f"{100 * at.value:+.0f} points, {100 * at.low:+.0f} to {100 * at.high:+.0f}"
+        return Finding(of_difference(at), f"{outcome}: {said}; {points}")
 
     return rule
 
