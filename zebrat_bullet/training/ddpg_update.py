@@ -148,7 +148,7 @@ class DDPGUpdate:
 
     @torch.no_grad()
     def actor_step(self, observations: Tensor) -> None:
-        """Move the actor up the critic's slope, and the targets after their networks."""
+        """Move the actor up the critic's slope."""
         action = torch.tanh(self._actor.forward(observations))
         self._critic.forward(torch.cat([observations, action], 1))
         upwards = torch.full((len(action), 1), -1.0 / len(action))
@@ -156,6 +156,10 @@ class DDPGUpdate:
         self._actor.backward(slope * (1.0 - action.square()))
         self._actor_adam.step()
         self._actor.changed()
+
+    @torch.no_grad()
+    def follow(self) -> None:
+        """Move the target networks after theirs."""
         followers, leaders = (self._actor_target, self._critic_target), (self._actor, self._critic)
         torch._foreach_lerp_(
             [tensor for net in followers for tensor in net.tensors],

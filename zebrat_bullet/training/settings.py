@@ -29,6 +29,8 @@ class DDPGConfig:
         warmup_steps: uniformly random steps before the first update.
         epsilon: probability of a uniformly random action at the start; falls linearly to 0 over the run.
         sigma: Gaussian noise on the action otherwise, as a fraction of the limits.
+        critic_first_steps: environment steps from the start in which the policy drives, instead of a random one, and
+            the critic alone learns; for fine-tuning (`init`), so that the policy meets a critic that knows it.
         precision: "bf16" computes the products of two hidden layers in bfloat16 (twice as fast where the processor has
             it), "fp32" as plain Stable-Baselines3 does. Weights and the rest are float32 either way.
     """
@@ -44,6 +46,7 @@ class DDPGConfig:
     warmup_steps: int = 200
     epsilon: float = 0.8
     sigma: float = 0.1
+    critic_first_steps: int = 0
     precision: Literal["fp32", "bf16"] = "bf16"
 
     def __post_init__(self) -> None:
