@@ -33,14 +33,14 @@ class PaperDDPG(RunBudget, DDPG):
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Do the gradient steps of `TD3.train`, faster."""
         assert self.replay_buffer is not None
-        self._update = self._update or DDPGUpdate(self, self.settings.precision)
+        self._update = self._update or DDPGUpdate(self, self.settings.precision, self.settings.cloning)
         self._update_learning_rate([])
         loss = torch.zeros(())
         for _ in range(gradient_steps):
             batch = self.replay_buffer.sample(batch_size)
             loss = self._update.critic_step(batch)
             if self.num_timesteps >= self.settings.critic_first_steps:
-                self._update.actor_step(batch.observations)
+                self._update.actor_step(batch)
             self._update.follow()
         self._n_updates += gradient_steps
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
