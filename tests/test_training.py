@@ -35,6 +35,7 @@ from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_conf
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
 from zebrat_bullet.training.settings import DDPGConfig, PlanarConfig, TrainConfig
+from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS
 from zebrat_bullet.world import load_world
 
@@ -289,6 +290,36 @@ def test_fine_tuning_that_finds_nothing_better_keeps_what_it_began_with(tmp_path
     assert judged == [("0", "0.0", "1"), ("4", "1.0", "0")]
     kept = load_file(tmp_path / "second" / "best.safetensors")
     assert kept and not any(weights.any() for weights in kept.values())
+
+
+def test_the_policy_that_is_fine_tuned_drives_while_its_critic_learns_first(tmp_path, learner):
+    train(replace(TINY, episodes=4), tmp_path / "first")
+    first, init = load_file(tmp_path / "first" / "best.safetensors"), str(tmp_path / "first" / "best.zip")
+
+    def moved(critic_first_steps):
+        settings = replace(TINY.learner, critic_first_steps=critic_first_steps, warmup_steps=1)
+        folder = tmp_path / str(critic_first_steps)
+        train(replace(TINY, episodes=1, init=init, learner=settings), folder)
+        model, _ = learner
+        load_checkpoint(folder / "checkpoint", model)
+        after = [parameter.detach().clone() for parameter in model.critic.parameters()]
+        begin_with(model, Path(init))
+        assert not all(map(torch.equal, after, model.critic.parameters()))
+        last = load_file(folder / "last.safetensors")
+        return any(not np.array_equal(first[key], last[key]) for key in first)
+
+    assert not moved(10_000) and moved(5)
+
+
+def test_no_random_warm_up_where_the_critic_learns_first(learner):
+    model, env = learner
+    observation, _ = env.reset(seed=0)
+    model._last_obs, model.num_timesteps = observation[None], 0
+    model.settings = replace(model.settings, sigma=0.0, epsilon=0.0)
+    policy, _ = model.predict(observation)
+    assert not np.allclose(model._sample_action(20)[0][0], policy, atol=1e-5)
+    model.settings = replace(model.settings, critic_first_steps=1)
+    assert np.allclose(model._sample_action(20)[0][0], policy, atol=1e-5)
 
 
 def test_a_model_to_begin_with_must_be_there_and_fit(tmp_path):

@@ -33,13 +33,15 @@ class PaperDDPG(RunBudget, DDPG):
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Do the gradient steps of `TD3.train`, faster."""
         assert self.replay_buffer is not None
-        self._update = self._update or DDPGUpdate(self, self.settings.precision)
+        self._update = self._update or DDPGUpdate(self, self.settings.precision, self.settings.cloning)
         self._update_learning_rate([])
         loss = torch.zeros(())
         for _ in range(gradient_steps):
             batch = self.replay_buffer.sample(batch_size)
             loss = self._update.critic_step(batch)
-            self._update.actor_step(batch.observations)
+            if self.num_timesteps >= self.settings.critic_first_steps:
+                self._update.actor_step(batch)
+            self._update.follow()
         self._n_updates += gradient_steps
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/critic_loss", loss.item())
@@ -55,7 +57,7 @@ class PaperDDPG(RunBudget, DDPG):
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Explore; the action space is [-1, 1], so the action and what the buffer stores are the same."""
-        if self.num_timesteps < learning_starts:
+        if self.num_timesteps < learning_starts and not self.settings.critic_first_steps:
             action = self.rng.uniform(-1.0, 1.0, (n_envs, 2))
         else:
             assert isinstance(self._last_obs, np.ndarray)  # SB3 resets the environments before the first rollout

@@ -122,11 +122,12 @@ class DDPGUpdate:
     Args:
         model: whose networks and optimizers these are; it may be saved and loaded as ever.
         precision: a key of `DTYPES`.
+        cloning: weight of the mean squared distance to the replay's actions, against Q as a share of its mean size.
     """
 
-    def __init__(self, model: DDPG, precision: str) -> None:
+    def __init__(self, model: DDPG, precision: str, cloning: float = 0.0) -> None:
         dtype = DTYPES[precision]
-        self._model = model
+        self._model, self._cloning = model, cloning
         self._actor, self._actor_target = _Mlp(model.actor.mu, dtype), _Mlp(model.actor_target.mu, dtype)
         self._critic, self._critic_target = (
             _Mlp(critic.q_networks[0], dtype) for critic in (model.critic, model.critic_target)
@@ -147,15 +148,21 @@ class DDPGUpdate:
         return error.square().mean()
 
     @torch.no_grad()
-    def actor_step(self, observations: Tensor) -> None:
-        """Move the actor up the critic's slope, and the targets after their networks."""
-        action = torch.tanh(self._actor.forward(observations))
-        self._critic.forward(torch.cat([observations, action], 1))
+    def actor_step(self, batch: ReplayBufferSamples) -> None:
+        """Move the actor up the critic's slope, and towards the replay's actions where it is to stay near them."""
+        action = torch.tanh(self._actor.forward(batch.observations))
+        values = self._critic.forward(torch.cat([batch.observations, action], 1))
         upwards = torch.full((len(action), 1), -1.0 / len(action))
         slope = self._critic.slope(upwards, action.shape[1])
+        if self._cloning:
+            slope += (action - batch.actions) * (self._cloning * values.abs().mean() / len(action))
         self._actor.backward(slope * (1.0 - action.square()))
         self._actor_adam.step()
         self._actor.changed()
+
+    @torch.no_grad()
+    def follow(self) -> None:
+        """Move the target networks after theirs."""
         followers, leaders = (self._actor_target, self._critic_target), (self._actor, self._critic)
         torch._foreach_lerp_(
             [tensor for net in followers for tensor in net.tensors],

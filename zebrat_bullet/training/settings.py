@@ -29,6 +29,10 @@ class DDPGConfig:
         warmup_steps: uniformly random steps before the first update.
         epsilon: probability of a uniformly random action at the start; falls linearly to 0 over the run.
         sigma: Gaussian noise on the action otherwise, as a fraction of the limits.
+        critic_first_steps: environment steps from the start in which the policy drives, instead of a random one, and
+            the critic alone learns; for fine-tuning (`init`), so that the policy meets a critic that knows it.
+        cloning: weight of the mean squared distance between the policy's actions and the replay's, against Q as a share
+            of its mean size (TD3+BC's 1 / alpha); for fine-tuning: 0 lets the actor go wherever the critic points.
         precision: "bf16" computes the products of two hidden layers in bfloat16 (twice as fast where the processor has
             it), "fp32" as plain Stable-Baselines3 does. Weights and the rest are float32 either way.
     """
@@ -44,6 +48,8 @@ class DDPGConfig:
     warmup_steps: int = 200
     epsilon: float = 0.8
     sigma: float = 0.1
+    critic_first_steps: int = 0
+    cloning: float = 0.0
     precision: Literal["fp32", "bf16"] = "bf16"
 
     def __post_init__(self) -> None:
@@ -51,7 +57,8 @@ class DDPGConfig:
         _shares(self, "gamma", "tau", "epsilon")
         if self.sigma < 0:
             raise ConfigError(f"sigma must be at least 0, got {self.sigma}")
-        within(self, sigma=(0.0, 100.0), actor_lr=_RATE, critic_lr=_RATE)
+        within(self, sigma=(0.0, 100.0), actor_lr=_RATE, critic_lr=_RATE, cloning=(0.0, 1e6))
+        within(self, critic_first_steps=(0, 10**12))
         _bound_replay(self)
 
 
