@@ -176,12 +176,15 @@ def test_on_held_out_tracks_it_is_counted_who_backs_up_where_nothing_asks_for_it
         rows = episodes("shipped", "corners", "s" * len(n_reversals), study="scale", sim="planar", reversals=reversals)
         return [row | {"family": "corners", "n_reversals": n} for row, n in zip(rows, n_reversals, strict=True)]
 
-    made = tables(episodes=[*on_set(2, [2, 2, 0, 3]), *on_set(0, [0, 0, 0, 4, 0])])
+    drives = [*on_set(2, [2, 2, 0, 3]), *on_set(0, [0, 0, 0, 4, 0])]
+    clone = [row | {"method": "IL", "setting": "9 pairs"} for row in on_set(0, [0])]
+    made = tables(episodes=[*drives, *clone, *(row | {"setting": "99 pairs"} for row in clone)])
     parts = {part.title: part for part in scale_section(Evidence(made)).parts}
     _, success, backing = parts["By certified reversals"].blocks
     assert success.head == backing.head == ("set", "0", "2")
-    assert [cell.text for cell in success.rows[0][1:]] == ["100 %", "100 %"]
-    assert [cell.text for cell in backing.rows[0][1:]] == ["20 %", "75 %"]
+    assert [row[0] for row in backing.rows] == ["IL, 9 pairs", "IL, 99 pairs", "shipped"]
+    assert [cell.text for cell in success.rows[2][1:]] == ["100 %", "100 %"]
+    assert [cell.text for cell in backing.rows[2][1:]] == ["20 %", "75 %"]
 
 
 @pytest.mark.parametrize(

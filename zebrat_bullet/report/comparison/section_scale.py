@@ -126,7 +126,10 @@ def _shares(evidence: Evidence, column: str, what: Callable[[Mapping[str, Any]],
     for row in evidence.held_out:
         if row["study"] not in ("scale", "rivals") or row["noise"] or row[column] is None:
             continue
-        at = counts[_label(evidence, row["method"], row["run"])][_group(row[column])][row["run"] or row["setting"]]
+        label = _label(evidence, row["method"], row["run"])
+        if row["run"] is None and row["setting"]:  # of what is not trained here each setting is another driver
+            label += f", {row['setting']}"
+        at = counts[label][_group(row[column])][row["run"] or ""]
         at[0] += row["n"] if what(row) else 0
         at[1] += row["n"]
     return {
