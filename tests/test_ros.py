@@ -115,7 +115,8 @@ def test_the_node_commands_a_stop_when_the_simulator_is_killed(processes, policy
     robot.wait()
     probe.until(lambda: probe.commands[-1][1] == 0.0)
     print(f"stop {probe.commands[-1][0] - probe.commands[-2][0]:.3f} s after the last command")
-    assert driver.poll() is None and "no scan on /points" in said(driver)
+    probe.until(lambda: "no scan on /points" in said(driver))  # it says so after it has acted
+    assert driver.poll() is None
 
 
 def _stands_from(probe: Probe, time_s: float) -> None:
