@@ -79,6 +79,15 @@ def test_a_set_whose_seeds_give_other_tracks_is_refused(made: TrackSet) -> None:
     other = replace(made.tracks[0], seed=made.tracks[0].seed + 5_000)
     with pytest.raises(ConfigError, match="the generator has changed"):
         draw_set(replace(made, tracks=(other, *made.tracks[1:])))
+    with pytest.raises(ConfigError, match=f"1 of 2, the first of seed {other.seed}"):
+        draw_set(
+            replace(made, tracks=(*made.tracks[:3], other)), only=[1, 3]
+        )  # the hash of the whole tells nothing here
+
+
+def test_a_part_of_a_set_is_those_tracks_in_their_order(made: TrackSet) -> None:
+    whole, part = draw_set(made), draw_set(made, only=[3, 1])
+    assert [fingerprint(world) for world in part] == [fingerprint(whole[i]) for i in (3, 1)]
 
 
 def test_a_fingerprint_is_of_the_geometry_alone() -> None:

@@ -83,7 +83,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.agents.human import HumanLikeAgent
     from zebrat_bullet.imitation.demonstrations import demonstrate
 
-    if (arguments.sim == "planar") > bool(arguments.generated):
+    if arguments.sim == "planar" and not arguments.generated:
         raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
     if arguments.generated:
         return _demonstrate_generated(arguments)

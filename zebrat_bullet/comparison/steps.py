@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
@@ -61,7 +61,7 @@ class Train:
     sweep: Sweep
     folder: Path
     ray: str | None = None
-    alone: bool = True
+    alone: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -112,7 +112,7 @@ class Collisions:
 
     folder: Path
     what: Contacts
-    alone: bool = True
+    alone: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -137,7 +137,7 @@ class Judge:
 
     place: Place
     cell: Cell
-    alone: bool = False
+    alone: ClassVar[bool] = False
 
     @property
     def name(self) -> str:

@@ -3,7 +3,7 @@
 Every `.npz` below the folder is one episode (`evaluation/records.py` documents each array). Row t pairs what the driver
 saw with what it did: `obs_m[t]` (and `command[t - 1]`, the last command, zero at t = 0) with `command[t]`. Beside a
 record may lie `NAME.labels.npy`, (T, 2) float64, m/s and rad: what an expert would have done at each step of it. A
-`NAME.planar.npz` holds many episodes on generated tracks (`training/demonstration.py`).
+`NAME.planar.npz` holds many episodes on generated tracks (`demonstration.py`).
 """
 
 from collections.abc import Callable, Iterator, Sequence

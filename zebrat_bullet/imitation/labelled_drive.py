@@ -67,16 +67,19 @@ def drive_labelled(
     n_steps = 0
     while None in outcomes:
         labels = np.zeros((n, 2))
+        poses, motions = on_host(drive.sim.pose), on_host(drive.sim.motion)
+        time_s = n_steps * task.physics.control_step_s
         for car in [i for i, outcome in enumerate(outcomes) if outcome is None]:
-            command = oracles[car].act(_reading(drive, car, observation[car], n_steps * task.physics.control_step_s))
+            command = oracles[car].act(_reading(drive, car, poses[car], motions[car], observation[car], time_s))
             labels[car] = command.speed_mps, command.steering_rad
             if not oracles[car].lost:
                 seen[car].append(np.concatenate([observation[car], labels[car]], dtype=np.float32))
         wanted = _driven(labels, observation, disturbance, rng) + sigma * rng.standard_normal((n, 2))
         driven = np.clip(wanted, -limits, limits).astype(np.float32)
         result = drive.follow(Commands(driven[:, 0], driven[:, 1]))
+        ended = on_host(result.outcome)
         for car in result.ended.tolist():  # then it goes on with another episode, which nobody looks at
-            outcomes[car] = outcomes[car] or Outcome.of(int(on_host(result.outcome)[car]))
+            outcomes[car] = outcomes[car] or Outcome.of(int(ended[car]))
         observation = on_host(result.observation)
         n_steps += 1
     episodes = [_demonstration(drive, world, rows) for world, rows in zip(worlds, seen, strict=True)]
@@ -95,12 +98,19 @@ def _driven(
     return np.where(rng.random((len(labels), 1)) < by.beta, labels, own)
 
 
-def _reading(drive: PlanarDrive, car: int, observation: NDArray[np.float32], time_s: float) -> Reading:
+def _reading(
+    drive: PlanarDrive,
+    car: int,
+    pose: NDArray[np.floating],
+    motion: NDArray[np.floating],
+    observation: NDArray[np.float32],
+    time_s: float,
+) -> Reading:
     """Return what the oracle is given: no scan, but its own pose, the map and the goal."""
-    sim, world = drive.sim, drive.worlds[car]
-    x, y, yaw = on_host(sim.pose)[car].tolist()
-    left, right, speed, yaw_rate = on_host(sim.motion)[car].tolist()
-    origin_x, origin_y = sim.origin[car].tolist()
+    world = drive.worlds[car]
+    x, y, yaw = pose.tolist()
+    left, right, speed, yaw_rate = motion.tolist()
+    origin_x, origin_y = drive.sim.origin[car].tolist()
     state = RobotState(
         pose=Pose2(x + origin_x, y + origin_y, yaw),
         height_m=0.0,
