@@ -178,3 +178,28 @@ def test_the_command_says_how_all_episodes_ended(tmp_path, capfd):
     assert main(["demonstrate", "--agent", "oracle", "--out", str(out), *options]) == 0
     pairs = sum(len(each.labels) for each in load_demonstrations(out))
     assert f"{pairs} pairs on 2 tracks (4 success): {out}" in capfd.readouterr().out
+
+
+def test_what_may_be_the_oracles_own_failure_is_no_demonstration():
+    brief = replace(HOW, task=replace(TASK, episode=replace(TASK.episode, max_steps=5)))
+    for how in (brief, replace(brief, action_noise=0.1)):
+        driven = drive_seeds(how, range(2))
+        assert set(driven.outcomes) == {Outcome.TIMEOUT} and not driven.demonstrations
+    assert (
+        len(drive_seeds(brief, range(2), load_policy(LEARNER), beta=0.0).demonstrations) == 2
+    )  # the learner's failures
+
+
+def test_a_clone_is_judged_on_tracks_that_are_neither_demonstrated_nor_held_out(folder, monkeypatch):
+    judged: list[str] = []
+    real = places.planar_endings
+
+    def spied(policy, task, worlds, episodes):
+        judged.extend(world.name for world in worlds)
+        return real(policy, task, worlds, episodes)
+
+    monkeypatch.setattr(places, "planar_endings", spied)
+    config = ImitationConfig(demonstrations=str(folder), eval_tracks=3, eval_episodes=1)
+    places.GeneratedPlaces(config, load_demonstrations(folder)).evaluate(load_policy(LEARNER))
+    seeds = [int(name.rpartition("-")[2]) for name in judged]
+    assert len(seeds) == 3 and min(seeds) >= VALIDATION_SEED and max(seeds) < HELD_OUT_SEED
