@@ -10,10 +10,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, on_host
-from zebrat_bullet.config import Margins, NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
 from zebrat_bullet.errors import EpisodeError
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
+from zebrat_bullet.planar.margins import Margins
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.rewards import TERMS, terminal_codes

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
-from zebrat_bullet.config import OTHER, Margins, TaskConfig, require_planar_cars
+from zebrat_bullet.config import TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
-from zebrat_bullet.planar.margins import margins_of
+from zebrat_bullet.planar.margins import OTHER, Margins, margins_of
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 
-from zebrat_bullet.config import OTHER, Margins, Range
+from zebrat_bullet.config import Range
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.world import check_family
 
+Margins = float | Range | Mapping[str, float | Range]
+"""A margin in m, a range of which each episode draws its own, or either by family of tracks, `OTHER` for the rest."""
+OTHER = "other"
 NEAR_M = 0.2
 """Walls farther from the outline than this are looked for anew: a car moves about so far in a control step."""
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from zebrat_bullet.config import (
-    OTHER,
     RANDOM_DYNAMICS,
     VLP16_NOISE,
     EpisodeConfig,
@@ -15,6 +14,7 @@ from zebrat_bullet.config import (
     with_reward,
 )
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.margins import OTHER
 from zebrat_bullet.training.settings import (
     DDPGConfig,
     DQNConfig,

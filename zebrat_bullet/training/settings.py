@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from zebrat_bullet.config import MOST_SEED, LidarConfig, Margins, TaskConfig, require_planar_cars, within
+from zebrat_bullet.config import MOST_SEED, LidarConfig, TaskConfig, require_planar_cars, within
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.planar.margins import margins_of
+from zebrat_bullet.planar.margins import Margins, margins_of
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.world import HELD_OUT_SEED, check_family
 
