@@ -257,6 +257,21 @@ def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
     assert "what was not measured" in forecast(here, planned, planned, {})
 
 
+def test_the_time_of_a_training_on_planar_cars_holds_the_drawing_of_its_tracks(tmp_path: Path):
+    (tmp_path / "manifest.yaml").write_text(
+        "trainings:\n"
+        "  fast: {study: scale, asked: 10 million steps, algos: [ppo], rewards: [ft], preset: general,\n"
+        "         set: [steps=10000000, planar.n_tracks=5000]}\n"
+        "judgements: {}\n"
+        "budgets: {all: {about: one run, seeds: [0], trainings: {fast: []}, judgements: {}}}\n"
+    )
+    here = place(tmp_path)
+    planned = steps(here)
+    # 10 million steps at 50,000 a second are 200 s, and 5,000 tracks of 0.08 s are 400 s of one core among all.
+    speed = {"train ppo, 1024 planar cars": 50_000.0, "a track of mixed": 0.08}
+    assert "training fast: 1 step, about 10 min" in forecast(here, planned, planned, speed)
+
+
 def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
     manifest = read_manifest(SHIPPED)
     paper = manifest.budget("paper")

@@ -7,12 +7,11 @@ from math import ceil
 
 from zebrat_bullet.comparison.gather import reached
 from zebrat_bullet.comparison.manifest import cells
-from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, driver_kind, training_kind
+from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, at_once, driver_kind, track_kind, training_kind
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of
-from zebrat_bullet.training.sweep_run import cores_of
 
 _STEPS_AN_EPISODE = 250
 """Of a training in PyBullet of which nothing is kept."""
@@ -72,16 +71,22 @@ def _seconds(place: Place, step: Step, speed: Mapping[str, float]) -> float | No
     assert isinstance(step, Train)
     configs = runs_of(step.sweep, step.folder)
     each: list[float] = []
-    at_once = 1
+    side_by_side = 1
     for run in step.missing():
         config = configs[run]
         rate = speed.get(training_kind(config))
         if rate is None:
             return None
         done = reached(run, config).get("steps", 0)
-        each.append(max(_steps(place, step.training, config) - done, 0) / rate)
-        at_once = max(cores // cores_of(config), 1)
-    return max(sum(each) / at_once, *each, 0.0) + speed.get(START, 0.0) * ceil(len(each) / at_once)
+        side_by_side = at_once(config)
+        drawing = _drawing(config, speed) * side_by_side / cores
+        each.append(max(_steps(place, step.training, config) - done, 0) / rate + drawing)
+    return max(sum(each) / side_by_side, *each, 0.0) + speed.get(START, 0.0) * ceil(len(each) / side_by_side)
+
+
+def _drawing(config: TrainConfig, speed: Mapping[str, float]) -> float:
+    """Return the seconds of one core that a run draws its tracks for."""
+    return config.planar.n_tracks * speed.get(track_kind(config), 0.0) if config.planar else 0.0
 
 
 def _steps(place: Place, training: str, config: TrainConfig) -> float:

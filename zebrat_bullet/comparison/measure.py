@@ -1,10 +1,13 @@
 """How fast this machine is at what a comparison does: each kind of step once, briefly, really run."""
 
 import json
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from statistics import fmean
 from tempfile import TemporaryDirectory
 
 from zebrat_bullet.comparison.gather import reached
@@ -13,8 +16,11 @@ from zebrat_bullet.comparison.run import call
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train, sweep_command
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_json
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of
+from zebrat_bullet.training.sweep_run import cores_of
+from zebrat_bullet.world import generate_tracks
 
 SPEED = "speed.json"
 A_POLICY, A_SET, START, CONTACT = "a policy", "a set", "start", "contact"
@@ -23,13 +29,15 @@ _WORLD = "track_2"
 _SHORT = ("eval_every=1000000", "eval_episodes=1", "task.episode.max_steps=60")
 _SHORT_PLANAR = ("planar.n_tracks=50", "planar.n_eval_tracks=4")
 _CONTACTS = 6
+_TRACKS = 200
 
 
 def measure(place: Place, to_do: Sequence[Step]) -> dict[str, float]:
     """Measure what the steps to do are made of, and keep it in the comparison's folder; what is there stays.
 
     Returns:
-        By the name of `kind`: steps a second of a training, seconds of an episode in track_2 of a driver (`A_POLICY`
+        By the name of `kind`: steps a second of a training, among as many as run at once, and seconds of processor time
+        to draw one of its tracks (`track_kind`); seconds of an episode in track_2 of a driver (`A_POLICY`
         stands for all that are trained), of a process until it drives (`START`), of a set (`A_SET`), and of a contact
         of the collision study (`CONTACT`). What could not be measured is absent.
     """
@@ -52,6 +60,16 @@ def training_kind(config: TrainConfig) -> str:
         f", {config.planar.gradient_steps} gradient steps" if config.planar and config.planar.gradient_steps else ""
     )
     return f"train {config.learner.algo}, {where}{updates}"
+
+
+def track_kind(config: TrainConfig) -> str:
+    """Return what trainings whose tracks take as long to draw have in common."""
+    return f"a track of {', '.join(sorted(set(config.planar.families)))}" if config.planar else ""
+
+
+def at_once(config: TrainConfig) -> int:
+    """Return how many such trainings run side by side here."""
+    return max(len(os.sched_getaffinity(0)) // cores_of(config), 1)
 
 
 def driver_kind(step: Judge) -> str:
@@ -97,20 +115,37 @@ def _train(step: Train, folder: Path, log: Path, known: dict[str, float]) -> dic
     found: dict[str, float] = {}
     for config in runs_of(step.sweep, step.folder).values():
         kind = training_kind(config)
+        if config.planar and config.planar.n_tracks and track_kind(config) not in known | found:
+            found[track_kind(config)] = _drawing_s(config)
         if kind in known or kind in found:
             continue
         reward = step.sweep.rewards[0]
         short = (*_SHORT_PLANAR, *_SHORT[2:]) if config.planar else _SHORT
         settings = (*step.sweep.set, *short, f"max_minutes={_MINUTES}")
         algo = config.learner.algo
-        brief = replace(step.sweep, algos=(algo,), rewards=(reward,), seeds=(config.seed,), set=settings)
+        # Runs side by side share the cores' units and caches: one alone would be faster than they are.
+        n = min(at_once(config), len(step.missing()))
+        seeds = tuple(range(max(n, 1)))
+        brief = replace(step.sweep, algos=(algo,), rewards=(reward,), seeds=seeds, set=settings)
         out = folder / algo
-        call([*sweep_command(brief, str(out)), "--workers", "1", "--quiet"], log)
+        call([*sweep_command(brief, str(out)), "--workers", str(len(seeds)), "--quiet"], log)
+        rates = []
         for run, at in runs_of(brief, out).items():
             try:
                 done = reached(run, at)
             except ZebratError:
                 continue
             if done.get("wall_s"):
-                found[kind] = done["steps"] / done["wall_s"]
+                rates.append(done["steps"] / done["wall_s"])
+        if rates:
+            found[kind] = fmean(rates)
     return found
+
+
+def _drawing_s(config: TrainConfig) -> float:
+    assert config.planar is not None
+    draw = partial(generate_tracks, family=config.planar.families, difficulty=config.planar.difficulty)
+    began = time.process_time()
+    for _ in draw(range(min(config.planar.n_tracks, _TRACKS)), robot=load_robot(config.task.robot)):
+        pass
+    return (time.process_time() - began) / min(config.planar.n_tracks, _TRACKS)
