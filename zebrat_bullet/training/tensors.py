@@ -58,7 +58,9 @@ def begin_with(model: BaseAlgorithm, path: Path) -> None:
     with open_zip(path, ConfigError) as archive, refusing(path, ConfigError, what, "name a zip of such a run"):
         tensors: dict[str, Tensor] = {}
         for part in _names(model)[0]:
-            state = _load_weights(archive.read(f"{part}.pth"))
+            data = archive.read(f"{part}.pth")
+            with refusing(path, ConfigError, f"its {part}.pth cannot be read", "copy it again, or name another zip"):
+                state = _load_weights(data)
             _check_networks(path, part, recursive_getattr(model, part), state)
             tensors |= {f"{part}/{name}": tensor for name, tensor in _flat(state).items()}
         put_tensors(model, tensors)
