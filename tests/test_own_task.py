@@ -27,7 +27,8 @@ OWN = TaskConfig(
 
 def policy_of(task: TaskConfig, path: Path) -> Path:
     """Write a policy that always gives full speed ahead, trained on a task."""
-    spec = observation_spec(task, make_region(load_robot(task.robot), task.region, task.lidar.n_bearings))
+    robot = load_robot(task.robot)
+    spec = observation_spec(task, make_region(robot, task.region, task.lidar.n_bearings), robot)
     layer = np.zeros((2, spec.size), np.float32), np.array([1.0, 0.0], np.float32)
     save_policy(PolicyAgent("p", [layer], spec, {"config": {"task": json.loads(to_json(task))}}, head="clip"), path)
     return path

@@ -17,7 +17,7 @@ from zebrat_bullet.world import World, load_world
 TASK = TaskConfig(
     noise=NoiseConfig(range_sigma_m=0.01, dropout=0.1),
     dynamics=DynamicsConfig(speed=(0.8, 1.0), delay_s=(0.0, 0.2), steering_offset_rad=(-0.05, 0.05)),
-    observation=ObservationConfig(log_gaps=True),
+    observation=ObservationConfig(log_gaps=True, trail_steps=(1, 5, 12)),
     episode=EpisodeConfig(max_steps=25),
 )
 N = 60
@@ -153,12 +153,14 @@ def test_the_next_episode_begins_in_the_step_that_ends_one(worlds: list[World]) 
         command = mirror.spec.decode_cars(action)
         mirror.sim.command[:, 0], mirror.sim.command[:, 1] = command.speed_mps, command.steering_rad
         mirror.sim.step()
+        mirror._trail.follow(mirror.sim.command)
         mirror.sim.look()
         assert np.array_equal(step.last_observation, mirror._observe()[step.ended])
         starts = drive.starts[drive.sim.world, drive._start]
         first = mirror.begin_at(drive.sim.world, starts)
         assert np.array_equal(step.observation[step.ended], first[step.ended])
-        assert (step.observation[step.ended, -2:] == 0.0).all()  # no command was given yet
+        assert (step.observation[step.ended, -14:-12] == 0.0).all()  # no command was given yet
+        assert (step.observation[step.ended, -12:] == [0.0, 0.0, 0.0, 1.0] * 3).all()  # nor did it come from anywhere
         ended += len(step.ended)
     assert ended > N
 

@@ -15,7 +15,7 @@ N_CARS = 33
 TASK = TaskConfig(
     noise=NoiseConfig(range_sigma_m=0.01, dropout=0.01),
     dynamics=DynamicsConfig(acceleration=(0.7, 1.3), delay_s=(0.0, 0.05)),
-    observation=ObservationConfig(log_gaps=True),
+    observation=ObservationConfig(log_gaps=True, trail_steps=(1, 5, 12)),
     reward=RewardConfig(weights={"F": 1.0, "O": 1.0, "M": 1.0, "T": 1.0}),
 )
 

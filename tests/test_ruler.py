@@ -69,7 +69,7 @@ def test_the_reward_is_the_sum_of_the_terms_and_at_the_end_what_the_end_pays_alo
 
 
 def test_what_the_region_observation_and_action_say_does_not_depend_on_the_library(numbers):
-    spec = observation_spec(replace(TASK, observation=ObservationConfig(log_gaps=True)), REGION)
+    spec = observation_spec(replace(TASK, observation=ObservationConfig(log_gaps=True)), REGION, load_robot())
     command = np.stack([numbers["v"], numbers["delta"]], axis=1)
     by_numpy, by_torch = (
         (

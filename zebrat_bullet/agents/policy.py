@@ -16,7 +16,7 @@ from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import PolicyError
 from zebrat_bullet.files import parse_json, read_safetensors, refusing, shown
-from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, Observer
 from zebrat_bullet.types import Command, Reading
 
 FORMAT = "zebrat-policy-1"
@@ -59,6 +59,7 @@ class PolicyAgent:
         self.head, self.activation, self.grid = head, activation, grid
         self._choices = tuple(np.array(values, dtype=np.float32) for values in grid)
         self.privileged = frozenset({"waypoint"} if observation.waypoint else ())
+        self._observer = Observer(observation)
 
     @property
     def weights_digest(self) -> str:
@@ -67,10 +68,11 @@ class PolicyAgent:
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]
 
     def reset(self, seed: int) -> None:
-        """Do nothing: the policy is deterministic and has no memory."""
+        """Begin an episode: forget where the car was. The policy is deterministic."""
+        self._observer.begin()
 
     def act(self, reading: Reading) -> Command:
-        """Return the policy's command.
+        """Return the policy's command, at a reading of each control step.
 
         Raises:
             PolicyError: the reading has another number of bearings than the policy was trained with.
@@ -80,7 +82,7 @@ class PolicyAgent:
                 f"policy {self.name!r} expects {self.observation.n_rays} bearings, the reading has "
                 f"{len(reading.clearance.obs_m)}; use the robot and safety region it was trained with"
             )
-        observation = self.observation.encode(reading)
+        observation = self._observer.observe(reading)
         if self.head == "argmax":
             return self.observation.decode_discrete(int(self.output(observation).argmax()))
         return self.observation.decode(self.action(observation))

@@ -18,6 +18,7 @@ from zebrat_bullet.config.senses import (
     SafetyRegionConfig,
 )
 from zebrat_bullet.config.task import (
+    MOST_TRAIL_STEPS,
     REWARD_PRESETS,
     EpisodeConfig,
     ObservationConfig,
@@ -33,6 +34,7 @@ __all__ = [
     "ENGINES",
     "FOOTPRINTS",
     "MOST_SEED",
+    "MOST_TRAIL_STEPS",
     "RANDOM_DYNAMICS",
     "REWARD_PRESETS",
     "VLP16_NOISE",

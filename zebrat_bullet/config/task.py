@@ -57,6 +57,10 @@ REWARD_PRESETS = {
 `with_reward`."""
 
 
+MOST_TRAIL_STEPS = 1000
+"""The longest memory, in control steps."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ObservationConfig:
     """What is observed beside V_obs.
@@ -65,11 +69,18 @@ class ObservationConfig:
         log_gaps: the logarithm of each gap, V_obs - V_range: a centimetre at the wall is lost in a range of up to 6 m.
         last_command: the last speed and steering (paper: 32 + 2 numbers).
         waypoint: distance and yaw difference to the next waypoint, for guided agents.
+        trail_steps: where the car was so many control steps ago, reckoned from its commands: a memory, for who must
+            know whether it has come from there, or goes to and fro.
     """
 
     log_gaps: bool = False
     last_command: bool = True
     waypoint: bool = False
+    trail_steps: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "trail_steps", tuple(self.trail_steps))
+        within(self, trail_steps=(1, MOST_TRAIL_STEPS))
 
 
 @dataclass(frozen=True, kw_only=True)

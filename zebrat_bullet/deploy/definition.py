@@ -18,6 +18,8 @@ FORMAT = "zebrat-deploy-1"
 DEFINITION_FILE, MODEL_FILE = "policy.json", "policy.onnx"
 REMEDY = "export the policy again with `zebrat export`"
 _MB = 1_000_000
+_TRAIL: dict[str, Any] = {"trail_steps": [], "control_step_s": 0.0, "wheelbase_m": 0.0}
+"""What the observation of a policy without a trail leaves out."""
 _KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
 _LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -67,6 +69,8 @@ class Definition:
         )
         _require(all(0 <= i < self.n_bearings for i in self.indices), f"indices are 0 to {self.n_bearings - 1}")
         _require(all(0.0 < r < 1000.0 for r in self.range_m), "range_m are above 0, in m")
+        reckoned = (seen.control_step_s, seen.wheelbase_m) == (self.control_step_s, car.wheelbase_m)
+        _require(reckoned or not seen.trail_steps, "the trail is reckoned for another control step or wheelbase")
         _require(seen.gap_ranges_m in ((), self.range_m), "gaps are measured from other ranges than range_m")
         _require(
             math.isclose(car.max_speed_mps, seen.max_speed_mps)
@@ -119,7 +123,7 @@ class Definition:
                 "bearings_rad": tuple(bearings.tolist()),
                 "range_m": self.range_m,
             },
-            "observation": asdict(self.observation) | {"parts": self._parts()},
+            "observation": self._observation() | {"parts": self._parts()},
             "action": {
                 "parts": [
                     {"what": "speed", "unit": "m/s", "times": unit_mps, "limit": limit_mps},
@@ -127,6 +131,10 @@ class Definition:
                 ]
             },
         }
+
+    def _observation(self) -> dict[str, Any]:
+        seen = asdict(self.observation)
+        return seen if self.observation.trail_steps else {name: seen[name] for name in seen if name not in _TRAIL}
 
     def _parts(self) -> list[dict[str, Any]]:
         """Return the parts of an observation in order; from `least` to `most` is scaled to -1 to 1 unless it is raw."""
@@ -140,6 +148,10 @@ class Definition:
             speed, steering = seen.max_speed_mps, seen.max_steering_rad
             parts.append(("last speed", "m/s", 1, -speed, speed))
             parts.append(("last steering", "rad", 1, -steering, steering))
+        for n, reach_m in zip(seen.trail_steps, seen.trail_reach_m, strict=True):
+            ago = f"of the rear axle {n} steps ago, in its frame now, by dead reckoning of the commands"
+            parts += [(f"{axis} {ago}", "m", 1, -reach_m, reach_m) for axis in "xy"]
+            parts += [(f"{part} of the yaw {ago}", "1", 1, -1.0, 1.0) for part in ("sine", "cosine")]
         return [dict(zip(("what", "unit", "n", "least", "most"), part, strict=True)) for part in parts]
 
 
@@ -166,7 +178,8 @@ def read_definition(folder: Path) -> Definition:
             "range_m": region["range_m"],
             "car": data["car"],
             "flatten": {f.name: scan[f.name] for f in fields(FlattenConfig)},
-            "observation": {f.name: seen[f.name] for f in fields(ObservationSpec)},
+            "observation": {f.name: seen[f.name] for f in fields(ObservationSpec) if f.name not in _TRAIL}
+            | {name: seen.get(name, none) for name, none in _TRAIL.items()},
         }
         definition: Definition = _typed(Definition, values, "policy")
         digest = data.get("sha256")

@@ -71,6 +71,7 @@ class Driver:
         self._stale_s = self._limits.stale_s or 1.5 * definition.control_step_s
         self._network = network
         self._actions = definition.actions
+        self._trail = definition.observation.new_trail(np.zeros((1, 2), dtype=np.float32))
         self._indices = np.array(definition.indices)
         self._rotation = np.array(definition.lidar_rotation_base)
         self._scans = ScanReader(definition.n_bearings, self._indices, self.range_max_m, self._limits.least_share)
@@ -111,7 +112,8 @@ class Driver:
         return self.definition.observation.range_max_m
 
     def reset(self) -> None:
-        """Begin anew: the car stands, its wheels are straight."""
+        """Begin anew: the car stands, its wheels are straight, it has come from nowhere."""
+        self._trail.begin()
         self.last_command, self.last_scan = Command(0.0, 0.0), None
 
     def drive_cloud(
@@ -134,7 +136,7 @@ class Driver:
         definition = self.definition
         rotation = self._rotation if rotation_level is None else rotation_level
         height = definition.car.lidar_xyz_base[2] if height_m is None else height_m
-        self.last_scan = None
+        self._follow()
         try:
             self._check_age(age_s)
             limits = self._limits
@@ -161,12 +163,19 @@ class Driver:
             angle_increment_rad: from ray to ray; None: n rays all around.
             age_s: time since the scan was taken.
         """
-        self.last_scan = None
+        self._follow()
         try:
             self._check_age(age_s)
             return self._drive(self._scans.read(ranges_m, angle_min_rad, angle_increment_rad))
         except SensorError as error:
             return self._refuse(error)
+
+    def _follow(self) -> None:
+        """Begin a control step: the car has done what it was told, whatever becomes of this scan."""
+        self.last_scan = None
+        last = _numbers(self.last_command)
+        if np.isfinite(last).all():
+            self._trail.follow(last)
 
     def _drive(self, scan: FlatScan) -> Decision:
         self.last_scan = scan
@@ -174,8 +183,10 @@ class Driver:
         if not (math.isfinite(last.speed_mps) and math.isfinite(last.steering_rad)):
             self.last_command = Command(0.0, 0.0)
             raise SensorError(f"last_command must be finite, got {last}; set it to what was really sent")
-        command = np.array([[self.last_command.speed_mps, self.last_command.steering_rad]], np.float32)
-        action = self._network(self.definition.observation.encode_cars(scan.ranges_m[self._indices][None], command))[0]
+        observation = self.definition.observation.encode_cars(
+            scan.ranges_m[self._indices][None], _numbers(last), trail=self._trail.look()
+        )
+        action = self._network(observation)[0]
         if not np.isfinite(action).all():
             raise SensorError(
                 f"the policy's action is {action.tolist()}, not two finite numbers: this is a bug of ours"
@@ -195,6 +206,11 @@ class Driver:
                 f"the scan is {shown_s} s old, at most {self._stale_s:.3f} s are allowed; look whether the lidar is "
                 "alive and its clock is right"
             )
+
+
+def _numbers(command: Command) -> NDArray[np.float32]:
+    """Return a command as (1, 2) numbers, m/s and rad."""
+    return np.array([[command.speed_mps, command.steering_rad]], dtype=np.float32)
 
 
 def _check_car(definition: Definition, car: Car) -> None:

@@ -18,7 +18,7 @@ from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, observation_spec
+from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, Observer, observation_spec
 from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.types import Pose2
@@ -83,7 +83,8 @@ class ZebratEnv(gymnasium.Env):
         self._closed = False
         self.drive = Drive(config, self._worlds[0])
         self._terminal = terminal_codes(config.reward)
-        self.spec_observation = observation_spec(self.drive.config, self.drive.region, raw)
+        self.spec_observation = observation_spec(self.drive.config, self.drive.region, self.drive.robot, raw)
+        self._observer = Observer(self.spec_observation)
         self._discrete, self._raw = discrete, raw
         self.render_mode = render_mode
         self._renderer: Any = None
@@ -126,7 +127,8 @@ class ZebratEnv(gymnasium.Env):
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
         self._begun, self._actions = {"episode": self._n_episodes - 1, "pose": pose}, []
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)
-        return self.spec_observation.encode(reading), self._info(None)
+        self._observer.begin()
+        return self._observer.observe(reading), self._info(None)
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Drive one control step of 0.2 s.
@@ -152,7 +154,7 @@ class ZebratEnv(gymnasium.Env):
         ended = step.outcome is not None
         terminated = step.outcome is not None and bool(self._terminal[step.outcome.code])
         info = self._info(step.outcome)
-        return spec.encode(step.reading), step.reward, terminated, ended and not terminated, info
+        return self._observer.observe(step.reading), step.reward, terminated, ended and not terminated, info
 
     def _info(self, outcome: Outcome | None) -> dict[str, Any]:
         return {

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config import ObservationConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.world import World
@@ -17,8 +17,11 @@ def cars_for(policy: PolicyAgent, task: TaskConfig, worlds: Sequence[World], n_c
         ConfigError: the policy observes what this car does not; the message names what differs.
     """
     seen = policy.observation
-    observation = replace(
-        task.observation, log_gaps=bool(seen.gap_ranges_m), last_command=seen.last_command, waypoint=seen.waypoint
+    observation = ObservationConfig(
+        log_gaps=bool(seen.gap_ranges_m),
+        last_command=seen.last_command,
+        waypoint=seen.waypoint,
+        trail_steps=seen.trail_steps,
     )
     drive = PlanarDrive(replace(task, observation=observation), worlds, n_cars, raw=seen.raw)
     its, ours = asdict(seen), asdict(drive.spec)

@@ -102,7 +102,7 @@ class PlanarDrive:
         self.task, self.n_cars = task, n_cars
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
-        self.spec = observation_spec(task, self.region, raw)
+        self.spec = observation_spec(task, self.region, self.robot, raw)
         sides = side_bearings(task.lidar.n_bearings)
         indices, places = np.unique(np.concatenate([self.region.indices, sides]), return_inverse=True)
         self._seen, self._sides = places[:-2], places[-2:]
@@ -114,6 +114,7 @@ class PlanarDrive:
         self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
         self._note_worlds(worlds)
         self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
+        self._trail = self.spec.new_trail(self.sim.command)
         self._n_steps = 0
         self._start = np.zeros(n_cars, dtype=np.int32)
         self._noise_base = np.zeros(n_cars, dtype=np.int32)
@@ -175,6 +176,7 @@ class PlanarDrive:
         sim = self.sim
         sim.command[:, 0], sim.command[:, 1] = commands.speed_mps, commands.steering_rad
         sim.step()
+        self._trail.follow(sim.command)
         self._n_steps += 1
         sim.draws[:] = like(self._noise_base, sim.draws) + self._n_steps
         sim.look()
@@ -228,6 +230,7 @@ class PlanarDrive:
         sim.margin[cars] = like(self._draw_margins(worlds), sim.pose)
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
+        self._trail.begin(cars)
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
         gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
         self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
@@ -244,7 +247,10 @@ class PlanarDrive:
 
     def _observe(self, cars: NDArray[np.intp] | None = None) -> Array:
         obs, command = self._obs(), self.sim.command
-        return self.spec.encode_cars(obs, command) if cars is None else self.spec.encode_cars(obs[cars], command[cars])
+        trail = self._trail.look()
+        if cars is not None:
+            obs, command, trail = obs[cars], command[cars], trail[cars]
+        return self.spec.encode_cars(obs, command, trail=trail)
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray]]:
         """Return copies of all that a later `load` needs to go on here: plain values, and arrays."""
@@ -273,4 +279,4 @@ class PlanarDrive:
 
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}
-        return self.sim.state() | self._rules.state() | own
+        return self.sim.state() | self._rules.state() | self._trail.state() | own

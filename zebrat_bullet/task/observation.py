@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import Array, clamp, like, namespace
-from zebrat_bullet.config import TaskConfig, within
+from zebrat_bullet.config import MOST_TRAIL_STEPS, TaskConfig, within
 from zebrat_bullet.errors import ActionError, ConfigError
+from zebrat_bullet.task.trail import PARTS, Trail
 from zebrat_bullet.types import Command, Commands, Reading
 
 if TYPE_CHECKING:
+    from zebrat_bullet.robot import RobotModel
     from zebrat_bullet.sensing.safety_region import SafetyRegion
 
 DISCRETE_COMMANDS = tuple((speed, steering) for speed in (-1.0, 1.0) for steering in (-1.0, 0.0, 1.0))
@@ -28,12 +30,12 @@ LEAST_GAP_M = 0.003
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationSpec:
-    """The observation: V_obs in each bearing, the logarithms of the gaps, the last command, the next waypoint.
+    """The observation: V_obs by bearing, logarithms of the gaps, last command, next waypoint, and where the car was.
 
     The paper's is 32 + 2 numbers, the default; under waypoint guidance 32 + 2 + 2, or 32 + 2 without the last command.
     Numbers are scaled to [-1, 1]: ranges and the waypoint's distance, cut off at the lidar's reach, linearly from 0 to
     that reach; logarithms linearly from that of `LEAST_GAP_M` to that of the reach; the command by its limits; the
-    waypoint's bearing by pi.
+    waypoint's bearing by pi; where the car was by how far it could have come since then.
 
     Attributes:
         n_rays: bearings of the safety region.
@@ -43,6 +45,8 @@ class ObservationSpec:
         gap_ranges_m: V_range of each bearing, where log10(V_obs - V_range) is part of the observation; else empty.
         last_command: the last speed and steering are part of it.
         waypoint: distance and bearing of the next waypoint are part of it.
+        trail_steps: where the car was so many control steps ago is part of it, four numbers each: see `task.trail`.
+        control_step_s, wheelbase_m: by which that is reckoned; 0 without it.
     """
 
     n_rays: int
@@ -53,18 +57,25 @@ class ObservationSpec:
     gap_ranges_m: tuple[float, ...] = ()
     last_command: bool = True
     waypoint: bool = False
+    trail_steps: tuple[int, ...] = ()
+    control_step_s: float = 0.0
+    wheelbase_m: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gap_ranges_m", tuple(self.gap_ranges_m))  # JSON knows lists only
+        object.__setattr__(self, "trail_steps", tuple(self.trail_steps))
         within(self, n_rays=(1, 36_000), range_max_m=(0.01, 1000.0), max_speed_mps=(1e-6, 100.0))
         within(self, max_steering_rad=(1e-6, math.pi / 2), gap_ranges_m=(0.0, 1000.0))
         if len(self.gap_ranges_m) not in (0, self.n_rays):
             raise ConfigError(f"gap_ranges_m must hold none or {self.n_rays} ranges, got {len(self.gap_ranges_m)}")
+        if self.trail_steps:
+            within(self, trail_steps=(1, MOST_TRAIL_STEPS), control_step_s=(0.001, 10.0), wheelbase_m=(0.001, 100.0))
 
     @property
     def size(self) -> int:
         """Numbers in an observation."""
-        return self.n_rays + len(self.gap_ranges_m) + 2 * self.last_command + 2 * self.waypoint
+        n_trail = PARTS * len(self.trail_steps)
+        return self.n_rays + len(self.gap_ranges_m) + 2 * self.last_command + 2 * self.waypoint + n_trail
 
     @property
     def limits(self) -> NDArray[np.float32]:
@@ -77,6 +88,15 @@ class ObservationSpec:
         si = self._raw_bounds().astype(np.float32)
         return si if self.raw else np.stack([np.full_like(si[0], -1.0), np.ones_like(si[0])])
 
+    @property
+    def trail_reach_m(self) -> tuple[float, ...]:
+        """How far the car can have come since each of the trail's steps."""
+        return tuple(n * self.control_step_s * self.max_speed_mps for n in self.trail_steps)
+
+    def new_trail(self, command: Array) -> Trail:
+        """Return the trail of N cars that begin to drive; `command` (N, 2) says where its numbers are held."""
+        return Trail(self.trail_steps, self.control_step_s, self.wheelbase_m, command)
+
     def _raw_bounds(self) -> NDArray[np.float64]:
         """Return the (2, size) least and greatest SI values of an observation."""
         reach, speed, steering = self.range_max_m, self.max_speed_mps, self.max_steering_rad
@@ -87,31 +107,38 @@ class ObservationSpec:
             least, most = [*least, -speed, -steering], [*most, speed, steering]
         if self.waypoint:
             least, most = [*least, 0.0, -np.pi], [*most, reach, np.pi]
+        for reach_m in self.trail_reach_m:
+            least, most = [*least, -reach_m, -reach_m, -1.0, -1.0], [*most, reach_m, reach_m, 1.0, 1.0]
         return np.array([least, most])
 
-    def encode(self, reading: Reading) -> NDArray[np.float32]:
-        """Return the (size,) float32 observation of a reading.
+    def encode(self, reading: Reading, trail: Trail | None = None) -> NDArray[np.float32]:
+        """Return the (size,) float32 observation of a reading, by a car whose trail is this one.
 
         Raises:
-            ConfigError: the waypoint is part of it and the reading names none.
+            ConfigError: the waypoint is part of it and the reading names none; or the trail, and there is none.
         """
         command = np.array([[reading.last_command.speed_mps, reading.last_command.steering_rad]], dtype=np.float32)
         waypoint = None
         if self.waypoint and reading.waypoint is not None:
             waypoint = np.array([[reading.waypoint.distance_m, reading.waypoint.bearing_rad]], dtype=np.float32)
-        encoded: NDArray[np.float32] = self.encode_cars(reading.clearance.obs_m[None], command, waypoint)[0]
+        encoded: NDArray[np.float32] = self.encode_cars(
+            reading.clearance.obs_m[None], command, waypoint, None if trail is None else trail.look()
+        )[0]
         return encoded
 
-    def encode_cars(self, obs_m: Array, last_command: Array, waypoint: Array | None = None) -> Array:
+    def encode_cars(
+        self, obs_m: Array, last_command: Array, waypoint: Array | None = None, trail: Array | None = None
+    ) -> Array:
         """Return the (N, size) float32 observations of N cars.
 
         Args:
             obs_m: (N, n_rays) float32, V_obs in m.
             last_command: (N, 2) float32, m/s and rad.
             waypoint: (N, 2) float32, distance in m and bearing in rad of each car's next waypoint.
+            trail: (N, 4 L) float32, as `Trail.look` gives it.
 
         Raises:
-            ConfigError: the waypoint is part of it and there is none.
+            ConfigError: the waypoint or the trail is part of it and there is none.
         """
         xp = namespace(obs_m)
         parts = [obs_m]
@@ -127,6 +154,10 @@ class ObservationSpec:
                     "'waypoint'"
                 )
             parts += [clamp(waypoint[:, :1], most=self.range_max_m), waypoint[:, 1:]]
+        if self.trail_steps:
+            if trail is None:
+                raise ConfigError("the observation holds where the car was, and no trail is kept here")
+            parts.append(trail)
         joined = xp.concat(parts, axis=1)
         if self.raw:
             return joined
@@ -181,8 +212,11 @@ class ObservationSpec:
         return Command(speed * self.max_speed_mps, steering * self.max_steering_rad)
 
 
-def observation_spec(task: TaskConfig, region: "SafetyRegion", raw: bool = False) -> ObservationSpec:
-    """Return what a task observes with the bearings of a region."""
+def observation_spec(
+    task: TaskConfig, region: "SafetyRegion", robot: "RobotModel", raw: bool = False
+) -> ObservationSpec:
+    """Return what a task observes with the bearings of a region of a car."""
+    trail_steps = task.observation.trail_steps
     return ObservationSpec(
         n_rays=len(region.range_m),
         range_max_m=task.lidar.range_max_m,
@@ -192,4 +226,25 @@ def observation_spec(task: TaskConfig, region: "SafetyRegion", raw: bool = False
         gap_ranges_m=tuple(region.range_m.tolist()) if task.observation.log_gaps else (),
         last_command=task.observation.last_command,
         waypoint=task.observation.waypoint,
+        trail_steps=trail_steps,
+        control_step_s=task.physics.control_step_s if trail_steps else 0.0,
+        wheelbase_m=robot.wheelbase_m if trail_steps else 0.0,
     )
+
+
+class Observer:
+    """Encodes the readings of one car, one each control step, and keeps its trail."""
+
+    def __init__(self, spec: ObservationSpec) -> None:
+        self._spec = spec
+        self._trail = spec.new_trail(np.zeros((1, 2), dtype=np.float32))
+
+    def begin(self) -> None:
+        """Begin an episode: the car has come from nowhere."""
+        self._trail.begin()
+
+    def observe(self, reading: Reading) -> NDArray[np.float32]:
+        """Return the (size,) float32 observation of the next reading."""
+        last = reading.last_command
+        self._trail.follow(np.array([[last.speed_mps, last.steering_rad]], dtype=np.float32))
+        return self._spec.encode(reading, self._trail)
