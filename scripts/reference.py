@@ -22,7 +22,7 @@ from zebrat_bullet.imitation import settings as imitation_settings
 from zebrat_bullet.planning.dwa.config import DwaConfig
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
 from zebrat_bullet.planning.teb.config import TebConfig
-from zebrat_bullet.training import collapses, settings
+from zebrat_bullet.training import collapses, learner_settings, settings
 from zebrat_bullet.world import schema
 
 CONFIGS: tuple[tuple[str, str, type], ...] = (
@@ -40,10 +40,10 @@ CONFIGS: tuple[tuple[str, str, type], ...] = (
     ("", "A training run", settings.TrainConfig),
     ("planar", "Training on planar cars", settings.PlanarConfig),
     ("watchdog", "Watchdog", collapses.WatchdogConfig),
-    ("learner", "DDPG", settings.DDPGConfig),
-    ("learner", "DQN", settings.DQNConfig),
-    ("learner", "SAC", settings.SACConfig),
-    ("learner", "PPO", settings.PPOConfig),
+    ("learner", "DDPG", learner_settings.DDPGConfig),
+    ("learner", "DQN", learner_settings.DQNConfig),
+    ("learner", "SAC", learner_settings.SACConfig),
+    ("learner", "PPO", learner_settings.PPOConfig),
     ("", "Imitation", imitation_settings.ImitationConfig),
     ("clone", "Imitation: the network", cloning.CloneConfig),
     ("", "DWA", DwaConfig),

@@ -47,8 +47,9 @@ from zebrat_bullet.recording.topics import choose_topics
 from zebrat_bullet.report.curves import draw_learning_curve
 from zebrat_bullet.report.learning_runs import read_groups
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.run_folder import read_summary, summarise
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import read_manifest
 from zebrat_bullet.training.sweep_run import status
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading, Waypoint

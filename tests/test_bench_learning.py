@@ -7,8 +7,9 @@ import pytest
 from zebrat_bullet.bench.learning import bench_learning, bench_planar_learning
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.presets import paper_config
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 
 TINY = TrainConfig(
     learner=DDPGConfig(hidden=(16, 16), batch_size=16, buffer_size=2000, warmup_steps=20),

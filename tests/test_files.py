@@ -25,7 +25,8 @@ from zebrat_bullet.files import (
     read_yaml,
     refusing,
 )
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.learner_settings import DDPGConfig
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep
 
 

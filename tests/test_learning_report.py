@@ -22,11 +22,12 @@ from zebrat_bullet.report.learning_curves import at_grid, progress, training_cur
 from zebrat_bullet.report.learning_figures import draw_curves
 from zebrat_bullet.report.learning_runs import read_groups, reward_name
 from zebrat_bullet.report.learning_stats import estimates, iqm, reward_trap, summarise_group, summarise_run
+from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
 from zebrat_bullet.training.presets import paper_config
 from zebrat_bullet.training.run import train
 from zebrat_bullet.training.run_folder import summarise
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
 TINY = TrainConfig(

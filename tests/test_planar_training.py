@@ -15,9 +15,10 @@ from zebrat_bullet.config_text import to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.generated import judge_generated
+from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
-from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, PPOConfig, TrainConfig
+from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, TrainConfig
 from zebrat_bullet.world import HELD_OUT_SEED, World
 
 STEPS = 16 * 16

@@ -10,7 +10,7 @@ import yaml
 
 from zebrat_bullet.assets import asset_folder, list_assets
 from zebrat_bullet.envs.registration import env_id
-from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig
+from zebrat_bullet.training.learner_settings import DDPGConfig, DQNConfig, PPOConfig, SACConfig
 
 PAPER = {"ddpg": DDPGConfig(), "dqn": DQNConfig(), "sac": SACConfig(), "ppo": PPOConfig()}
 

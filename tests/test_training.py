@@ -29,12 +29,13 @@ from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.collapses import WatchdogConfig
+from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise
-from zebrat_bullet.training.settings import DDPGConfig, PlanarConfig, TrainConfig
+from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
 from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS
 from zebrat_bullet.world import load_world

@@ -16,9 +16,10 @@ from zebrat_bullet.config import EpisodeConfig, ObservationConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.learners import build_learner
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
-from zebrat_bullet.training.settings import DDPGConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.vec_env import learn_meanwhile, make_vec_env
 from zebrat_bullet.world import generate_tracks
 

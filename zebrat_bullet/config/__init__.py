@@ -8,7 +8,7 @@ from zebrat_bullet.config.car import (
     DynamicsConfig,
     PhysicsConfig,
 )
-from zebrat_bullet.config.checks import MOST_SEED, Range, within
+from zebrat_bullet.config.checks import MOST_SEED, Range, at_least_one, shares, within
 from zebrat_bullet.config.senses import (
     CASTERS,
     VLP16_NOISE,
@@ -50,7 +50,9 @@ __all__ = [
     "RewardConfig",
     "SafetyRegionConfig",
     "TaskConfig",
+    "at_least_one",
     "require_planar_cars",
+    "shares",
     "with_engine",
     "with_reward",
     "within",

@@ -25,3 +25,17 @@ def within(config: object, **bounds: tuple[float, float]) -> None:
         for each in value if isinstance(value, tuple) else (value,):
             # A number that is none compares as False with both.
             require(each is None or least <= each <= most, f"{name} must be {least:g} to {most:g}, got {each}")
+
+
+def at_least_one(config: object, *names: str) -> None:
+    """Raise a ConfigError unless each named number of a settings dataclass is at least 1."""
+    for name in names:
+        if getattr(config, name) < 1:
+            raise ConfigError(f"{name} must be at least 1, got {getattr(config, name)}")
+
+
+def shares(config: object, *names: str) -> None:
+    """Raise a ConfigError unless each named number of a settings dataclass is in [0, 1]."""
+    for name in names:
+        if not 0 <= getattr(config, name) <= 1:
+            raise ConfigError(f"{name} must be in [0, 1], got {getattr(config, name)}")

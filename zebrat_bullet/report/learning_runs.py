@@ -10,7 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -114,8 +114,8 @@ def reward_name(task: dict[str, Any]) -> str:
     weights = {name: weight for name, weight in reward["weights"].items() if weight}
     presets = [name for name, preset in REWARD_PRESETS.items() if weights == preset.weights]
     # Presets of the same reward differ in what is observed.
-    seen = asdict(ObservationConfig()) | task.get("observation", {})
-    presets.sort(key=lambda name: asdict(with_reward(TaskConfig(), name).observation) != seen)
+    seen = ObservationConfig(**task.get("observation", {}))
+    presets.sort(key=lambda name: with_reward(TaskConfig(), name).observation != seen)
     name = presets[0] if presets else "+".join(f"{weight:g}{term}" for term, weight in sorted(weights.items()))
     plain = RewardConfig()
     others = [field.name for field in fields(RewardConfig) if field.name != "weights"]

@@ -9,7 +9,7 @@ from stable_baselines3 import DDPG
 
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg_update import DDPGUpdate
-from zebrat_bullet.training.settings import DDPGConfig
+from zebrat_bullet.training.learner_settings import DDPGConfig
 
 
 class PaperDDPG(RunBudget, DDPG):

@@ -13,8 +13,9 @@ from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
+from zebrat_bullet.training.learner_settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig
 from zebrat_bullet.training.ppo import GridActions, RunPPO, ScaledRewards
-from zebrat_bullet.training.settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig, TrainConfig
+from zebrat_bullet.training.settings import TrainConfig
 
 
 class PaperDQN(RunBudget, DQN):

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from zebrat_bullet.training.settings import PPOConfig
+from zebrat_bullet.training.learner_settings import PPOConfig
 
 
 class RunPPO(PPO):

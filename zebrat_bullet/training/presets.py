@@ -15,15 +15,8 @@ from zebrat_bullet.config import (
 )
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.margins import OTHER
-from zebrat_bullet.training.settings import (
-    DDPGConfig,
-    DQNConfig,
-    Learner,
-    PlanarConfig,
-    PPOConfig,
-    SACConfig,
-    TrainConfig,
-)
+from zebrat_bullet.training.learner_settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig
+from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
 
 ALGORITHMS: dict[str, Learner] = {
     "ddpg": DDPGConfig(),
