@@ -177,7 +177,8 @@ def test_its_definition_names_the_trails_parts_and_another_wheelbase_is_refused(
     data = json.loads(path.read_text())
     parts = data["observation"]["parts"]
     assert sum(part["n"] for part in parts) == SEEN.size
-    assert parts[-1]["what"].startswith("cosine of the yaw of the rear axle 4 steps ago")
+    assert parts[-1]["what"] == "trail: cosine of yaw 4 steps ago"
+    assert "8 x where it was 1, 4 steps ago" in (tmp_path / "out" / "README.md").read_text()
     export_policy("shipped", tmp_path / "without")
     without = json.loads((tmp_path / "without" / DEFINITION_FILE).read_text())["observation"]
     assert "trail_steps" not in without  # those exported before there were trails stay as they are

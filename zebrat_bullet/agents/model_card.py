@@ -6,6 +6,7 @@ from typing import Any
 
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.deploy.definition import DEFINITION_FILE, MODEL_FILE, Definition
+from zebrat_bullet.task.trail import PARTS
 
 _CARD = """\
 # Model card: `{name}`
@@ -52,7 +53,11 @@ band it is blind. It is no safety device: drive with the supervisor, and with a 
 def model_card(agent: PolicyAgent, definition: Definition, own_card: str) -> str:
     """Return the card as Markdown; `own_card` is what was written of the policy before."""
     seen, car = agent.observation, definition.car
-    parts = [f"{part['n']} x {part['what']}" for part in definition.data()["observation"]["parts"]]
+    named = [(part["n"], part["what"]) for part in definition.data()["observation"]["parts"]]
+    parts = [f"{n} x {what}" for n, what in named if not what.startswith("trail")]
+    if seen.trail_steps:
+        ago = ", ".join(map(str, seen.trail_steps))
+        parts.append(f"{PARTS * len(seen.trail_steps)} x where it was {ago} steps ago by its own commands")
     sizes = " - ".join(str(n) for n in (seen.size, *(len(bias) for _, bias in agent.layers)))
     return _CARD.format(
         name=definition.name,

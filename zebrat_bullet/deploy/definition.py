@@ -149,9 +149,8 @@ class Definition:
             parts.append(("last speed", "m/s", 1, -speed, speed))
             parts.append(("last steering", "rad", 1, -steering, steering))
         for n, reach_m in zip(seen.trail_steps, seen.trail_reach_m, strict=True):
-            ago = f"of the rear axle {n} steps ago, in its frame now, by dead reckoning of the commands"
-            parts += [(f"{axis} {ago}", "m", 1, -reach_m, reach_m) for axis in "xy"]
-            parts += [(f"{part} of the yaw {ago}", "1", 1, -1.0, 1.0) for part in ("sine", "cosine")]
+            parts += [(f"trail: {axis} {n} steps ago", "m", 1, -reach_m, reach_m) for axis in "xy"]
+            parts += [(f"trail: {part} of yaw {n} steps ago", "1", 1, -1.0, 1.0) for part in ("sine", "cosine")]
         return [dict(zip(("what", "unit", "n", "least", "most"), part, strict=True)) for part in parts]
 
 
