@@ -46,11 +46,13 @@ class Trail:
 
     def look(self) -> Array:
         """Return (N, L * PARTS): for each step, where each car was in the frame of its rear axle now, in m and 1."""
+        if not self._steps:
+            return self._poses[0, :, :0]
         xp, now, then = namespace(self._poses), self._poses[0], self._poses[self._steps]
         dx, dy, turned = (then[..., i] - now[:, i] for i in range(3))
         cos, sin = xp.cos(now[:, 2]), xp.sin(now[:, 2])
         seen = xp.stack([dx * cos + dy * sin, dy * cos - dx * sin, xp.sin(turned), xp.cos(turned)], axis=-1)
-        return xp.concat(list(seen), axis=-1) if self._steps else seen.reshape(len(now), 0)
+        return xp.concat(list(seen), axis=-1)
 
     def state(self) -> dict[str, Array]:
         """Return the array that holds it; whoever writes into it changes it."""
