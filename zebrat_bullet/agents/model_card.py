@@ -6,7 +6,6 @@ from typing import Any
 
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.deploy.definition import DEFINITION_FILE, MODEL_FILE, Definition
-from zebrat_bullet.task.trail import PARTS
 
 _CARD = """\
 # Model card: `{name}`
@@ -57,7 +56,7 @@ def model_card(agent: PolicyAgent, definition: Definition, own_card: str) -> str
     parts = [f"{n} x {what}" for n, what in named if not what.startswith("trail")]
     if seen.trail_steps:
         ago = ", ".join(map(str, seen.trail_steps))
-        parts.append(f"{PARTS * len(seen.trail_steps)} x where it was {ago} steps ago by its own commands")
+        parts.append(f"{len(named) - len(parts)} x where it was {ago} steps ago by its own commands")
     sizes = " - ".join(str(n) for n in (seen.size, *(len(bias) for _, bias in agent.layers)))
     return _CARD.format(
         name=definition.name,

@@ -5,7 +5,6 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from statistics import fmean
 from tempfile import TemporaryDirectory
@@ -124,8 +123,7 @@ def _train(step: Train, folder: Path, log: Path, known: dict[str, float]) -> dic
         settings = (*step.sweep.set, *short, f"max_minutes={_MINUTES}")
         algo = config.learner.algo
         # Runs side by side share the cores' units and caches: one alone would be faster than they are.
-        n = min(at_once(config), len(step.missing()))
-        seeds = tuple(range(max(n, 1)))
+        seeds = tuple(range(min(at_once(config), len(step.missing()))))
         brief = replace(step.sweep, algos=(algo,), rewards=(reward,), seeds=seeds, set=settings)
         out = folder / algo
         call([*sweep_command(brief, str(out)), "--workers", str(len(seeds)), "--quiet"], log)
@@ -144,8 +142,9 @@ def _train(step: Train, folder: Path, log: Path, known: dict[str, float]) -> dic
 
 def _drawing_s(config: TrainConfig) -> float:
     assert config.planar is not None
-    draw = partial(generate_tracks, family=config.planar.families, difficulty=config.planar.difficulty)
+    families, difficulty, robot = config.planar.families, config.planar.difficulty, load_robot(config.task.robot)
+    n = min(config.planar.n_tracks, _TRACKS)
     began = time.process_time()
-    for _ in draw(range(min(config.planar.n_tracks, _TRACKS)), robot=load_robot(config.task.robot)):
+    for _ in generate_tracks(range(n), family=families, difficulty=difficulty, robot=robot):
         pass
-    return (time.process_time() - began) / min(config.planar.n_tracks, _TRACKS)
+    return (time.process_time() - began) / n

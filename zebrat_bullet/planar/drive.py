@@ -245,12 +245,8 @@ class PlanarDrive:
         ranges = self.sim.ranges
         return ranges[:, : len(self._seen)] if self._all_seen else ranges[:, self._seen]
 
-    def _observe(self, cars: NDArray[np.intp] | None = None) -> Array:
-        obs, command = self._obs(), self.sim.command
-        trail = self._trail.look()
-        if cars is not None:
-            obs, command, trail = obs[cars], command[cars], trail[cars]
-        return self.spec.encode_cars(obs, command, trail=trail)
+    def _observe(self, cars: NDArray[np.intp] | slice = slice(None)) -> Array:
+        return self.spec.encode_cars(self._obs()[cars], self.sim.command[cars], trail=self._trail.look(cars))
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray]]:
         """Return copies of all that a later `load` needs to go on here: plain values, and arrays."""

@@ -44,11 +44,12 @@ class Trail:
         now = xp.stack([x + run * xp.cos(middle), y + run * xp.sin(middle), yaw + turn], axis=-1)
         self._poses = xp.concat([now[None], self._poses[:-1]])
 
-    def look(self) -> Array:
-        """Return (N, L * PARTS): for each step, where each car was in the frame of its rear axle now, in m and 1."""
+    def look(self, cars: NDArray[np.intp] | slice = slice(None)) -> Array:
+        """Return (n, L * PARTS) of some cars: for each step, where they were in the frame of their rear axle now."""
+        now = self._poses[0, cars]
         if not self._steps:
-            return self._poses[0, :, :0]
-        xp, now, then = namespace(self._poses), self._poses[0], self._poses[self._steps]
+            return now[:, :0]
+        xp, then = namespace(now), self._poses[self._steps][:, cars]
         dx, dy, turned = (then[..., i] - now[:, i] for i in range(3))
         cos, sin = xp.cos(now[:, 2]), xp.sin(now[:, 2])
         seen = xp.stack([dx * cos + dy * sin, dy * cos - dx * sin, xp.sin(turned), xp.cos(turned)], axis=-1)
