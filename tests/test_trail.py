@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from exported import SPEC, way
+from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.export import export_policy
@@ -16,6 +18,7 @@ from zebrat_bullet.config import EpisodeConfig, LidarConfig, ObservationConfig, 
 from zebrat_bullet.config_text import to_json
 from zebrat_bullet.deploy import Driver
 from zebrat_bullet.deploy.definition import DEFINITION_FILE
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.planar.drive import PlanarDrive
@@ -23,6 +26,13 @@ from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.trail import Trail
+from zebrat_bullet.training.learner_settings import PPOConfig
+from zebrat_bullet.training.learners import build_learner
+from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
+from zebrat_bullet.training.presets import ALGORITHMS
+from zebrat_bullet.training.run import train
+from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
+from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.types import Command, Reading
 from zebrat_bullet.world import load_world
 
@@ -206,3 +216,36 @@ def test_where_no_trail_is_kept_such_a_policy_is_refused():
     with pytest.raises(ConfigError, match="wheelbase_m must be"):
         replace(SPEC, trail_steps=(1,), control_step_s=0.2)
     assert asdict(SPEC)["wheelbase_m"] == 0.0
+
+
+def tiny(algo: str, **changes: object) -> TrainConfig:
+    learner = replace(ALGORITHMS[algo], hidden=(8,), batch_size=16)
+    learner = replace(learner, n_steps=16) if isinstance(learner, PPOConfig) else replace(learner, warmup_steps=32)
+    planar = PlanarConfig(n_cars=16, n_tracks=4, n_eval_tracks=2, n_eval_starts=2, eval_every_steps=10**6)
+    return TrainConfig(learner=learner, planar=planar, worlds=(), steps=512, **changes)
+
+
+def test_a_policy_without_a_memory_goes_on_learning_with_one_and_drives_as_before_at_first(tmp_path):
+    train(tiny("ppo"), tmp_path / "without")
+    init = tmp_path / "without" / "best.zip"
+    train(tiny("ppo", init=str(init), task=TASK), tmp_path / "with")
+    before, learned = (load_file(tmp_path / name / "best.safetensors")["0.weight"] for name in ("without", "with"))
+    assert learned.shape[1] == before.shape[1] + 8 and learned[:, -8:].any()
+
+    cars = [PlanarVecEnv(PlanarVectorEnv(4, [load_world("track_2")], task=task)) for task in (TaskConfig(), TASK)]
+    old, new = (build_learner(tiny("ppo"), at) for at in cars)
+    begin_with(old, init)
+    begin_with(new, init, n_new=8)
+    seen = torch.rand((5, SEEN.size))
+    assert torch.allclose(new.policy.predict_values(seen), old.policy.predict_values(seen[:, :-8]))
+    own, theirs = (at.policy.get_distribution(obs).distribution.mean for at, obs in ((new, seen), (old, seen[:, :-8])))
+    assert torch.allclose(own, theirs)
+    moments = new.policy.optimizer.state_dict()["state"]
+    assert [len(at) for at in moments.values()] == [3] * len(list(new.policy.parameters()))
+
+
+def test_only_ppo_takes_up_a_policy_without_a_memory(tmp_path):
+    train(tiny("sac"), tmp_path / "without")
+    config = tiny("sac", init=str(tmp_path / "without" / "best.zip"), task=TASK)
+    with pytest.raises(ConfigError, match="other networks than the settings of this run name"):
+        train(config, tmp_path / "with")

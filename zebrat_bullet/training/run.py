@@ -23,8 +23,10 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import refusing
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.robot import load_robot, named_robot
+from zebrat_bullet.task.trail import PARTS
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
+from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, WITHOUT_END, build_learner
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
@@ -117,7 +119,7 @@ def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Pro
                 for i, place in enumerate(state["places"]):
                     vec_env.env_method("go_to", place, indices=i)
         elif config.init:
-            begin_with(model, Path(config.init))
+            begin_with(model, Path(config.init), _n_new(config))
         model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
         if isinstance(model, OffPolicyAlgorithm):
             learn_meanwhile(model, vec_env)
@@ -156,7 +158,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         with refusing(folder, ZebratError, "cannot be resumed", "begin the run anew in another folder"):
             cars.load(state["cars"], arrays)
     elif config.init:
-        begin_with(model, Path(config.init))
+        begin_with(model, Path(config.init), _n_new(config))
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     provenance = {"config": json.loads(to_json(config))} | run_versions()
     if isinstance(model, OffPolicyAlgorithm):
@@ -164,6 +166,14 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         learn_meanwhile(model, driven, planar.gradient_steps)
     callback = PlanarCallback(config, planar, folder, cars, judge, provenance, on_progress, state)
     model.learn(WITHOUT_END, callback, log_interval=1, reset_num_timesteps=not resume)
+
+
+def _n_new(config: TrainConfig) -> int:
+    """Return how many numbers of the observation the networks to begin with may not have known: the trail's.
+
+    It comes last in what PPO's networks see; the critics of the others see an action behind it.
+    """
+    return PARTS * len(config.task.observation.trail_steps) if isinstance(config.learner, PPOConfig) else 0
 
 
 def _from_the_start(task: TaskConfig) -> TaskConfig:

@@ -82,7 +82,8 @@ class TrainConfig:
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
             best model); empty to begin anew. It is judged first (which ends the run if it reaches `stop_at`), and
-            stays the best policy unless one is found that is no worse. Its tensors alone are read.
+            stays the best policy unless one is found that is no worse. Its tensors alone are read. PPO takes up a
+            policy without a memory where the task has one (`observation.trail_steps`): it drives as it did at first.
         seed: of networks, exploration and start poses.
         n_envs: environments stepped side by side; each adds one transition and one gradient step.
         overlap: step the environments in processes of their own while the learner updates. The result is the same to

@@ -10,7 +10,8 @@ from typing import Any
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn.functional import pad
 
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import open_zip, refusing
@@ -48,8 +49,14 @@ def put_tensors(model: BaseAlgorithm, tensors: Mapping[str, Tensor]) -> None:
             target.load_state_dict(inside)
 
 
-def begin_with(model: BaseAlgorithm, path: Path) -> None:
+def begin_with(model: BaseAlgorithm, path: Path, n_new: int = 0) -> None:
     """Give a learner the networks and optimizers in an SB3 zip; what is pickled in there stays shut.
+
+    Args:
+        model: the learner.
+        path: the zip.
+        n_new: so many numbers at the end of an observation the networks in the zip may not have known: their weights
+            begin at 0, so the policy does at first as it did.
 
     Raises:
         ConfigError: the file is no such zip, or holds other networks; the message names it.
@@ -60,10 +67,26 @@ def begin_with(model: BaseAlgorithm, path: Path) -> None:
         for part in _names(model)[0]:
             data = archive.read(f"{part}.pth")
             with refusing(path, ConfigError, f"its {part}.pth cannot be read", "copy it again, or name another zip"):
-                state = _load_weights(data)
-            _check_networks(path, part, recursive_getattr(model, part), state)
-            tensors |= {f"{part}/{name}": tensor for name, tensor in _flat(state).items()}
+                state = _flat(_load_weights(data))
+            target = recursive_getattr(model, part)
+            state = _widened(state, target, n_new)
+            _check_networks(path, part, target, state)
+            tensors |= {f"{part}/{name}": tensor for name, tensor in state.items()}
         put_tensors(model, tensors)
+
+
+def _widened(state: Mapping[str, Tensor], target: Any, n_new: int) -> dict[str, Tensor]:
+    """Return the tensors of a part, with `n_new` columns of 0 behind those that lack as many."""
+    if isinstance(target, torch.optim.Optimizer):
+        shapes = {f"{i}/{moment}": at.shape for i, at in enumerate(_parameters(target)) for moment in _MOMENTS}
+    else:
+        shapes = {name: at.shape for name, at in target.state_dict().items()}
+    wider = {
+        name: pad(at, (0, n_new))
+        for name, at in state.items()
+        if at.ndim == 2 and shapes.get(name) == (at.shape[0], at.shape[1] + n_new)
+    }
+    return {**state, **wider}
 
 
 def _check_networks(path: Path, part: str, target: Any, state: Mapping[str, Any]) -> None:
@@ -93,8 +116,12 @@ def _flat(state: Mapping[str, Any]) -> dict[str, Tensor]:
     return {f"{i}/{name}": tensor for i, moments in state["state"].items() for name, tensor in moments.items()}
 
 
+def _parameters(optimizer: torch.optim.Optimizer) -> list[nn.Parameter]:
+    return [parameter for group in optimizer.param_groups for parameter in group["params"]]
+
+
 def _put_moments(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+    parameters = _parameters(optimizer)
     state: dict[int, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         i, _, moment = name.partition("/")
