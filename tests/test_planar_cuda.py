@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from zebrat_bullet.planar.kernels import look, make_drive
+from zebrat_bullet.planar.kernels.drive import make_drive
+from zebrat_bullet.planar.kernels.look import look
 
 
 @pytest.mark.parametrize("arch", [80, 90])

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import LidarConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.planar.kernels import N_RAYS_ABREAST, CarData
+from zebrat_bullet.planar.kernels.data import CarData
+from zebrat_bullet.planar.kernels.look import N_RAYS_ABREAST
 from zebrat_bullet.planar.margins import NEAR_M
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_bearings, beam_elevations

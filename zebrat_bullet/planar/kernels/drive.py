@@ -1,6 +1,6 @@
-"""What one car does in a control step, and what it sees then: the inner loops, one source for processor and GPU.
+"""What one car does in a control step: the inner loop, one source for processor and GPU.
 
-Positions are relative to the origin of the car's world in the atlas. All is float32.
+Positions are relative to the origin of the car's world in the atlas.
 
 Motion is Bullet's, as far as a plane has it (measured at 120 Hz and 20 solver iterations): each knuckle closes a tenth
 of its error in a physics step, at its hinge's speed at most; four wheel motors pull the car, within their torque,
@@ -12,17 +12,8 @@ from functools import cache
 
 import warp as wp
 
-OPTIONS = {
-    "enable_backward": False,
-    "fast_math": True,
-    "max_unroll": 6,
-    "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffast-math -ffp-contract=fast -Wno-nan-infinity-disabled",
-}
-"""Of every kernel. `max_unroll` leaves the loops over cars and rays to the compiler, which makes SIMD of them."""
-N_RAYS_ABREAST = wp.constant(32)
-"""Rays that one thread of `look` casts together."""
-WIDER_M = wp.constant(1.0e-6)
-"""By so much a segment is seen past its ends, so that no ray slips between two that meet."""
+from zebrat_bullet.planar.kernels.data import OPTIONS, CarData, Walls, cell_of
+
 N_SWEEPS = wp.constant(2)
 """Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
 MOTOR_SHARE = wp.constant(0.0886)
@@ -33,51 +24,11 @@ KNUCKLE_SHARE = wp.constant(0.1)
 """Share of its error that a knuckle closes in a physics step: Bullet's position gain."""
 
 
-@wp.struct
-class CarData:
-    """The numbers of the car and its senses, alike for all cars; m, rad, s, kg."""
-
-    dt: float
-    n_substeps: int
-    wheelbase: float
-    half_track: float  # of the rear wheels
-    half_hinges: float  # of the steering hinges
-    beside: float  # front wheels outside of their hinges
-    top: float  # ground speed of the fastest wheel
-    axle_x: float
-    farthest: float  # corner of the outline from the rear axle's centre
-    n_corners: int
-    inverse_mass: float
-    inverse_inertia: float
-    motor_impulse: float  # of one wheel, in a physics step, N s
-    grip_impulse: float  # of one front wheel
-    hinge_step: float  # most that a knuckle turns in a physics step
-    near: float  # a cell's list of near segments holds all that are closer to the outline than this
-    lidar_x: float
-    lidar_y: float
-    lidar_yaw: float
-    reach: float
-    horizon: float  # farthest wall that the lidar returns
-    n_rays: int
-    sigma: float
-    dropout: float
-
-
 @wp.func
 def _tangent(angle: float):
     """Pade approximant of tan, within 1e-6 up to 0.9 rad."""
     square = angle * angle
     return angle * (105.0 - 10.0 * square) / (105.0 - 45.0 * square + square * square)
-
-
-@wp.func
-def _cell(x: float, y: float, grid: wp.vec4, first: int, per_m: float):
-    """Index of the cell that holds a point, -1 outside of the grid."""
-    column = int(wp.floor((x - grid[0]) * per_m))
-    row = int(wp.floor((y - grid[1]) * per_m))
-    if column < 0 or row < 0 or column >= int(grid[2]) or row >= int(grid[3]):
-        return -1
-    return first + row * int(grid[2]) + column
 
 
 @wp.func
@@ -102,20 +53,6 @@ def _separation(
     return wp.max(gap, wp.max(low - at, at - high))
 
 
-@wp.struct
-class Walls:
-    """The arrays of an `Atlas`."""
-
-    segments: wp.array(dtype=wp.vec4)
-    grid: wp.array(dtype=wp.vec4)
-    first_cell: wp.array(dtype=int)
-    cells: wp.array(dtype=wp.vec2i)
-    near_far: wp.array(dtype=int)
-    all_first: wp.array(dtype=int)
-    all_last: wp.array(dtype=int)
-    cells_per_m: float
-
-
 @wp.func
 def _clear(
     walls: Walls,
@@ -128,7 +65,7 @@ def _clear(
     sides: wp.array(dtype=wp.vec3),
 ):
     """How far in m the outline may move before it can touch a wall; below 0 where it does."""
-    cell = _cell(middle[0], middle[1], walls.grid[world], walls.first_cell[world], walls.cells_per_m)
+    cell = cell_of(middle[0], middle[1], walls.grid[world], walls.first_cell[world], walls.cells_per_m)
     first = walls.all_first[world]
     last = walls.all_last[world]
     if cell >= 0:
@@ -366,86 +303,3 @@ def make_drive(n_abreast: int) -> wp.Kernel:
             )
 
     return drive
-
-
-@wp.func
-def _blur(true_range: float, car: CarData, channels: wp.array(dtype=float), state: wp.uint32):
-    """What is left of a range by noise: the least of as many noisy returns as channels meet the wall at that range."""
-    slot = int(true_range / car.reach * float(channels.shape[0]))
-    n = channels[wp.min(slot, channels.shape[0] - 1)]
-    kept = n
-    if car.dropout > 0.0:
-        kept = n * (1.0 - car.dropout)
-        if wp.randf(state) < wp.pow(car.dropout, n):
-            return car.reach
-    if car.sigma <= 0.0:
-        return true_range
-    # The least of n normal draws: the n-th root of a uniform draw is the chance that all n lie above it.
-    above = wp.pow(wp.max(wp.randf(state), 1.0e-7), 1.0 / wp.max(kept, 1.0))
-    noise = -1.41421356 * car.sigma * wp.erfinv(wp.clamp(2.0 * above - 1.0, -0.9999999, 0.9999999))
-    return wp.clamp(true_range + noise, 0.0, car.reach)
-
-
-@wp.kernel(module="unique", module_options=OPTIONS)
-def look(
-    car: CarData,
-    walls: Walls,
-    world: wp.array(dtype=int),
-    pose: wp.array(dtype=wp.vec3),
-    rays: wp.array(dtype=wp.vec2),  # directions, zeros behind the last
-    channels: wp.array(dtype=float),
-    draws: wp.array(dtype=int),
-    cars: wp.array(dtype=int),
-    ranges: wp.array2d(dtype=float),
-):
-    """Cast some rays of one of these cars: each front that faces the lidar shortens those between its ends."""
-    place, block = wp.tid()
-    i = cars[place]
-    w = world[i]
-    at = pose[i]
-    c = wp.cos(at[2])
-    s = wp.sin(at[2])
-    x = at[0] + c * car.lidar_x - s * car.lidar_y
-    y = at[1] + s * car.lidar_x + c * car.lidar_y
-    c = wp.cos(at[2] + car.lidar_yaw)
-    s = wp.sin(at[2] + car.lidar_yaw)
-    u = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)
-    v = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)
-    closest = wp.zeros(shape=(N_RAYS_ABREAST,), dtype=float)  # one over the range
-    for r in range(N_RAYS_ABREAST):
-        ray = rays[block * N_RAYS_ABREAST + r]
-        u[r] = c * ray[0] - s * ray[1]
-        v[r] = s * ray[0] + c * ray[1]
-        closest[r] = 1.0 / car.reach
-    cell = _cell(x, y, walls.grid[w], walls.first_cell[w], walls.cells_per_m)
-    first = walls.all_first[w]
-    last = walls.all_last[w]
-    if cell >= 0:
-        first = walls.cells[cell][0]
-        last = walls.cells[cell + 1][0]
-    for j in range(first, last):
-        k = j
-        if cell >= 0:
-            k = walls.near_far[j]
-        ends = walls.segments[k]
-        ax = ends[0] - x
-        ay = ends[1] - y
-        bx = ends[2] - x
-        by = ends[3] - y
-        facing = ax * by - ay * bx
-        if facing > 0.0:
-            close = 1.0 / facing
-            for r in range(N_RAYS_ABREAST):
-                past_a = v[r] * ax - u[r] * ay
-                before_b = u[r] * by - v[r] * bx
-                met = wp.where(wp.min(past_a, before_b) > -WIDER_M, (past_a + before_b) * close, 0.0)
-                closest[r] = wp.max(closest[r], met)
-    for r in range(N_RAYS_ABREAST):
-        ray_i = block * N_RAYS_ABREAST + r
-        if ray_i < car.n_rays:
-            distance = 1.0 / closest[r]
-            if distance >= car.horizon:
-                distance = car.reach
-            elif car.sigma > 0.0 or car.dropout > 0.0:
-                distance = _blur(distance, car, channels, wp.rand_init(draws[i], ray_i))
-            ranges[i, ray_i] = distance
