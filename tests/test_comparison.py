@@ -1,5 +1,6 @@
 """The comparison: one manifest, resumed after a kill at any point, the same tables from the same outputs."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -242,6 +243,9 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     assert not random.is_done()
     random.command()
     assert not scores.exists()
+    (held_out,) = (step for step in steps(place(tiny)) if step.name.startswith("judge held-out"))
+    shipped = hashlib.sha256((ROOT / "zebrat_bullet" / "policies" / "shipped.safetensors").read_bytes()).hexdigest()
+    assert isinstance(held_out, Judge) and held_out.made_by()["sha256"] == shipped  # of one that is named, too
 
 
 def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):

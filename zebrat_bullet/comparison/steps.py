@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from zebrat_bullet.assets import find_asset, list_assets
 from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
 from zebrat_bullet.errors import ZebratError
@@ -17,6 +18,7 @@ from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
 
+POLICY = ".safetensors"
 MADE_BY, SCORES, CASES = "made_by.json", "scores.json", "cases.csv"
 
 
@@ -182,9 +184,10 @@ class Judge:
     def made_by(self) -> dict[str, Any]:
         """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
         agent = self.agent()
+        is_policy = is_file(agent) or agent in list_assets("policies", POLICY)
         return {
             "agent": self.place.portable(Path(agent)) if is_file(agent) else agent,
-            "sha256": sha256(Path(agent)) if is_file(agent) else "",
+            "sha256": sha256(find_asset("policies", agent, POLICY)) if is_policy else "",
             "sim": self.cell.sim,
             "seed": self.how.seed,
             "options": list(self.how.options),
