@@ -84,11 +84,11 @@ def test_the_folder_holds_plain_layers_a_definition_and_a_card(tmp_path):
     region = says["safety_region"]
     assert region["bearings_rad"][region["indices"].index(180)] == 0.0 and len(region["range_m"]) == 152
     assert region["range_m"][region["indices"].index(180)] == pytest.approx(0.1)  # from the lidar to the nose
-    assert [part["n"] for part in says["observation"]["parts"]] == [152, 152, 1, 1]
+    assert [part["n"] for part in says["observation"]["parts"]] == [152, 152, *[1] * 22]  # command, and a trail of five
     assert [part["times"] for part in says["action"]["parts"]] == [0.6, 0.6]
     assert says["car"]["wheelbase_m"] == 0.56 and says["control_step_s"] == 0.2
     card = (tmp_path / "README.md").read_text()
-    assert "30 million steps on 10,000 generated tracks" in card and "judged in simulation only" in card
+    assert "15 million more from the best of these, with a" in card and "judged in simulation only" in card
 
 
 def test_the_same_policy_gives_the_same_bytes(tmp_path):
