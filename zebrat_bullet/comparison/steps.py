@@ -18,7 +18,6 @@ from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
 
-POLICY = ".safetensors"
 MADE_BY, SCORES, CASES = "made_by.json", "scores.json", "cases.csv"
 
 
@@ -184,10 +183,10 @@ class Judge:
     def made_by(self) -> dict[str, Any]:
         """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
         agent = self.agent()
-        is_policy = is_file(agent) or agent in list_assets("policies", POLICY)
+        is_policy = is_file(agent) or agent in list_assets("policies", ".safetensors")
         return {
             "agent": self.place.portable(Path(agent)) if is_file(agent) else agent,
-            "sha256": sha256(find_asset("policies", agent, POLICY)) if is_policy else "",
+            "sha256": sha256(find_asset("policies", agent, ".safetensors")) if is_policy else "",
             "sim": self.cell.sim,
             "seed": self.how.seed,
             "options": list(self.how.options),
