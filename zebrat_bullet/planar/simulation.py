@@ -15,9 +15,9 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.planar.atlas import CELL_M, Chart, bind, chart
 from zebrat_bullet.planar.car import ROLLING, planar_car, to_device
-from zebrat_bullet.planar.kernels.data import Walls
 from zebrat_bullet.planar.kernels.drive import make_drive
 from zebrat_bullet.planar.kernels.look import N_RAYS_ABREAST, look
+from zebrat_bullet.planar.kernels.walls import Walls
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world import World
 

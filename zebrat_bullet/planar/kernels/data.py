@@ -1,4 +1,4 @@
-"""What the kernels share: the car's numbers, the arrays of the walls, and how they are compiled; all is float32."""
+"""What the kernels share: the car's numbers, and how they are compiled; all is float32."""
 
 import warp as wp
 
@@ -39,27 +39,3 @@ class CarData:
     n_rays: int
     sigma: float
     dropout: float
-
-
-@wp.struct
-class Walls:
-    """The arrays of an `Atlas`."""
-
-    segments: wp.array(dtype=wp.vec4)
-    grid: wp.array(dtype=wp.vec4)
-    first_cell: wp.array(dtype=int)
-    cells: wp.array(dtype=wp.vec2i)
-    near_far: wp.array(dtype=int)
-    all_first: wp.array(dtype=int)
-    all_last: wp.array(dtype=int)
-    cells_per_m: float
-
-
-@wp.func
-def cell_of(x: float, y: float, grid: wp.vec4, first: int, per_m: float):
-    """Index of the cell that holds a point, -1 outside of the grid."""
-    column = int(wp.floor((x - grid[0]) * per_m))
-    row = int(wp.floor((y - grid[1]) * per_m))
-    if column < 0 or row < 0 or column >= int(grid[2]) or row >= int(grid[3]):
-        return -1
-    return first + row * int(grid[2]) + column

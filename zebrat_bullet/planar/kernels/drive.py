@@ -12,7 +12,8 @@ from functools import cache
 
 import warp as wp
 
-from zebrat_bullet.planar.kernels.data import OPTIONS, CarData, Walls, cell_of
+from zebrat_bullet.planar.kernels.data import OPTIONS, CarData
+from zebrat_bullet.planar.kernels.walls import Walls, clearance
 
 N_SWEEPS = wp.constant(2)
 """Rounds of impulses in a physics step; Bullet does 20, the last ones change nothing that matters here."""
@@ -29,62 +30,6 @@ def _tangent(angle: float):
     """Pade approximant of tan, within 1e-6 up to 0.9 rad."""
     square = angle * angle
     return angle * (105.0 - 10.0 * square) / (105.0 - 45.0 * square + square * square)
-
-
-@wp.func
-def _separation(
-    a: wp.vec2, b: wp.vec2, corners: wp.array(dtype=wp.vec2), sides: wp.array(dtype=wp.vec3), n: int, bound: float
-):
-    """Greatest gap in m along the normals of outline and segment: at most their distance, below 0 where they touch."""
-    gap = float(-1.0e9)
-    for k in range(n):
-        side = sides[k]
-        gap = wp.max(gap, wp.min(side[0] * a[0] + side[1] * a[1], side[0] * b[0] + side[1] * b[1]) - side[2])
-    if gap >= bound:
-        return gap
-    normal = wp.normalize(wp.vec2(a[1] - b[1], b[0] - a[0]))
-    at = wp.dot(normal, a)
-    low = float(1.0e9)
-    high = float(-1.0e9)
-    for k in range(n):
-        reach = wp.dot(normal, corners[k])
-        low = wp.min(low, reach)
-        high = wp.max(high, reach)
-    return wp.max(gap, wp.max(low - at, at - high))
-
-
-@wp.func
-def _clear(
-    walls: Walls,
-    world: int,
-    middle: wp.vec2,
-    c: float,
-    s: float,
-    car: CarData,
-    corners: wp.array(dtype=wp.vec2),
-    sides: wp.array(dtype=wp.vec3),
-):
-    """How far in m the outline may move before it can touch a wall; below 0 where it does."""
-    cell = cell_of(middle[0], middle[1], walls.grid[world], walls.first_cell[world], walls.cells_per_m)
-    first = walls.all_first[world]
-    last = walls.all_last[world]
-    if cell >= 0:
-        first = walls.cells[cell][0]
-        last = first + walls.cells[cell][1]
-    gap = car.near
-    for i in range(first, last):
-        k = i
-        if cell >= 0:
-            k = walls.near_far[i]
-        ends = walls.segments[k]
-        ax = ends[0] - middle[0]
-        ay = ends[1] - middle[1]
-        bx = ends[2] - middle[0]
-        by = ends[3] - middle[1]
-        a = wp.vec2(c * ax + s * ay, c * ay - s * ax)
-        b = wp.vec2(c * bx + s * by, c * by - s * bx)
-        gap = wp.min(gap, _separation(a, b, corners, sides, car.n_corners, gap))
-    return gap
 
 
 @wp.func
@@ -288,7 +233,8 @@ def make_drive(n_abreast: int) -> wp.Kernel:
                         s = cars[S, k]
                         middle = wp.vec2(cars[X, k] - c * car.axle_x, cars[Y, k] - s * car.axle_x)
                         where = world[wp.min(begin + k, most)]
-                        free = _clear(walls, where, middle, c, s, car, corners, sides) - margin[wp.min(begin + k, most)]
+                        gap = clearance(walls, where, middle, c, s, car, corners, sides)
+                        free = gap - margin[wp.min(begin + k, most)]
                         cars[FREE, k] = free
                         cars[GOING, k] = wp.where(free > 0.0, 1.0, 0.0)
         for k in range(n_abreast):

@@ -5,7 +5,8 @@ Positions are relative to the origin of the car's world in the atlas.
 
 import warp as wp
 
-from zebrat_bullet.planar.kernels.data import OPTIONS, CarData, Walls, cell_of
+from zebrat_bullet.planar.kernels.data import OPTIONS, CarData
+from zebrat_bullet.planar.kernels.walls import Walls, cell_of
 
 N_RAYS_ABREAST = wp.constant(32)
 """Rays that one thread of `look` casts together."""
