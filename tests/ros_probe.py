@@ -2,6 +2,7 @@
 
 import os
 import random
+import socket
 import subprocess
 import sys
 import time
@@ -30,18 +31,36 @@ WITHOUT_SIMULATOR = (
 )
 RUN = "import sys; from zebrat_bullet.cli import main; sys.exit(main())"
 PATIENCE_S = 120.0
+FIRST_PORT = 27_400  # of the 100 that say which domains are taken: below the system's own, beside those of ROS
 
 
-def free_domain() -> int:
-    """Return a ROS_DOMAIN_ID that another test is unlikely to use."""
-    return random.SystemRandom().randint(1, 100)
+class Domain:
+    """A ROS_DOMAIN_ID that no other test of this computer has until it is given back.
+
+    Nodes of two tests in one domain would drive each other's cars: the suite runs in several processes.
+    """
+
+    def __init__(self) -> None:
+        self.id = 0
+        for self.id in random.sample(range(1, 101), 100):
+            self._held = socket.socket()
+            try:
+                self._held.bind(("127.0.0.1", FIRST_PORT + self.id))  # freed by the system too, should we be killed
+                return
+            except OSError:
+                self._held.close()
+        raise RuntimeError("no ROS_DOMAIN_ID from 1 to 100 is free")
+
+    def close(self) -> None:
+        self._held.close()
 
 
 class Processes:
     """Starts `zebrat ros ...` in one domain on this computer alone, and ends whatever still runs."""
 
     def __init__(self, folder: Path) -> None:
-        self.domain, self._folder = free_domain(), folder
+        self._folder, self._held = folder, Domain()
+        self.domain = self._held.id
         self._running: list[subprocess.Popen] = []
         self.environment = {
             **os.environ,
@@ -74,10 +93,15 @@ class Processes:
         for process in self._running:
             assert process.poll() not in (1, 2, 3), said(process)
 
+    def told(self) -> str:
+        """Return how each stands and what it said, for a test that waited in vain."""
+        return "".join(f"\n{process.args[-8:]}: {process.poll()}\n{said(process)}" for process in self._running)
+
     def close(self) -> None:
         for process in self._running:
             process.kill()
             process.wait()
+        self._held.close()
 
 
 def said(process: subprocess.Popen) -> str:
@@ -117,12 +141,18 @@ class Probe:
         reliability = QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
         return self.node.create_publisher(kind, topic, QoSProfile(depth=5, reliability=reliability))
 
+    def hears(self, topic: str) -> bool:
+        """Return whether somebody who publishes a topic has been found: on a busy computer that takes a while."""
+        return self.node.count_publishers(topic) > 0
+
     def until(self, done: Callable[[], bool]) -> None:
         """Spin until something is so; fail if that takes very long."""
         end_s = time.monotonic() + PATIENCE_S
         while not done():
             self._processes.check()
-            assert time.monotonic() < end_s, "it did not come to pass"
+            if time.monotonic() >= end_s:
+                heard = f"commands {self.commands[-5:]}, speeds {self.speeds[-5:]} of {len(self.speeds)}"
+                raise AssertionError(f"it did not come to pass; heard {heard}{self._processes.told()}")
             self._executor.spin_once(timeout_sec=0.05)
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """What the driving node makes of stamps: its methods called with real messages, at times that the test sets."""
 
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'zebrat-bullet[ros]'")
 
 from nav_msgs.msg import Odometry
-from ros_probe import cloud, corridor, free_domain
+from ros_probe import Domain, cloud, corridor
 
 from zebrat_bullet.agents.export import export_policy
 from zebrat_bullet.deploy.driver import Driver, Limits
@@ -77,8 +78,9 @@ class Run:
 @pytest.fixture
 def run(driver, monkeypatch, request):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
-    with ros([word for each in getattr(request, "param", ()) for word in ("-p", each)]):
+    domain = Domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain.id))
+    with closing(domain), ros([word for each in getattr(request, "param", ()) for word in ("-p", each)]):
         yield Run(driver, monkeypatch)
 
 
