@@ -129,7 +129,8 @@ def test_scores_are_those_counted_by_hand() -> None:
     outcome = np.array([[1, 1], [1, 2], [2, 2], [5, 1]], dtype=np.int8)
     tracks = TrackSet(name="s", robot="zebrat", sha256="0" * 64, tracks=tuple(facts))
     how = SetJudgement(episodes=2, task=TASK)
-    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0), np.zeros((4, 2), np.int64)))
+    n_reversals = np.array([[0, 3], [1, 2], [0, 4], [0, 0]])
+    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0), n_reversals))
     assert score.overall.success == 0.5 and score.overall.by_track == (2, 1, 0, 1) and score.over_least == 1.2
     assert score.overall.causes["collision"] == 3 and score.overall.causes["stall"] == 1
     assert {name: (at.tracks, at.success) for name, at in score.by_difficulty.items()} == {
@@ -138,7 +139,9 @@ def test_scores_are_those_counted_by_hand() -> None:
     assert {name: (at.tracks, at.success) for name, at in score.by_reversals.items()} == {
         "0": (1, 1.0), "2": (2, 0.25), "6+": (1, 0.5),
     }  # fmt: skip
-    assert "| 0.0-0.2 | 2 | 75.0% (" in set_table({"a": score})
+    assert {name: at.reversing for name, at in score.by_reversals.items()} == {"0": 0.5, "2": 0.75, "6+": 0.0}
+    told = set_table({"a": score})
+    assert "| 0.0-0.2 | 2 | 75.0% (" in told and "| 2 | 2 | 75.0% |" in told
 
 
 def test_the_worst_tenth_is_of_the_tracks() -> None:

@@ -22,11 +22,18 @@ _OFTEN = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Success on some of the tracks: so many, share of the episodes, its 95 % interval (`tracks_interval`)."""
+    """How it went on some of the tracks.
+
+    Attributes:
+        tracks: so many.
+        success, success_ci: share of the episodes, and its 95 % interval (`tracks_interval`).
+        reversing: share of the episodes in which the car changed its direction.
+    """
 
     tracks: int
     success: float
     success_ci: tuple[float, float]
+    reversing: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,5 +199,10 @@ def _groups(endings: Endings, keys: Sequence[int], names: Mapping[int, str]) -> 
         if of_key:
             success = endings.success[of_key]
             interval = tracks_interval(success.sum(axis=1), success.shape[1])
-            groups[name] = Group(tracks=len(of_key), success=float(success.mean()), success_ci=interval)
+            groups[name] = Group(
+                tracks=len(of_key),
+                success=float(success.mean()),
+                success_ci=interval,
+                reversing=float((endings.n_reversals[of_key] > 0).mean()),
+            )
     return groups

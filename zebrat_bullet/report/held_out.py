@@ -1,14 +1,14 @@
 """Scores on a held-out set as Markdown tables."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from zebrat_bullet.evaluation.held_out import Group, SetScore
 
 
 def set_table(scores: Mapping[str, SetScore]) -> str:
-    """Return a table of the whole set and, below, one by difficulty and one by reversals of the certificate.
+    """Return a table of the whole set and, below, by difficulty, by reversals of the certificate, and who reversed.
 
-    Every rate stands with its 95 % interval.
+    Every rate of success stands with its 95 % interval.
     """
     first = next(iter(scores.values()))
     simulator = {"bullet": "PyBullet", "mujoco": "MuJoCo"}.get(first.sim, "planar cars")
@@ -23,17 +23,24 @@ def set_table(scores: Mapping[str, SetScore]) -> str:
         whole = _rate(at.overall.success, at.overall.success_ci)
         worst = _rate(at.overall.worst_tenth, at.overall.worst_tenth_ci)
         rows.append(f"| {agent} | {whole} | {worst} | {over} | {causes} |")
-    difficulty = _by_group("difficulty", {agent: at.by_difficulty for agent, at in scores.items()})
-    reversals = _by_group("reversals of the certificate", {agent: at.by_reversals for agent, at in scores.items()})
-    return "\n\n".join([title, "\n".join(rows), difficulty, reversals])
+    by_difficulty = {agent: at.by_difficulty for agent, at in scores.items()}
+    by_reversals = {agent: at.by_reversals for agent, at in scores.items()}
+    difficulty = _by_group("difficulty", by_difficulty, _success)
+    reversals = _by_group("reversals of the certificate", by_reversals, _success)
+    reversing = _by_group("the same; the car itself reversed in", by_reversals, lambda group: f"{group.reversing:.1%}")
+    return "\n\n".join([title, "\n".join(rows), difficulty, reversals, reversing])
 
 
-def _by_group(what: str, groups: Mapping[str, Mapping[str, Group]]) -> str:
+def _by_group(what: str, groups: Mapping[str, Mapping[str, Group]], cell: Callable[[Group], str]) -> str:
     rows = [f"| {what} | tracks | {' | '.join(groups)} |", "|---" * (len(groups) + 2) + "|"]
     for name, group in next(iter(groups.values())).items():
-        cells = [_rate(of_agent[name].success, of_agent[name].success_ci) for of_agent in groups.values()]
+        cells = [cell(of_agent[name]) for of_agent in groups.values()]
         rows.append(f"| {name} | {group.tracks} | {' | '.join(cells)} |")
     return "\n".join(rows)
+
+
+def _success(group: Group) -> str:
+    return _rate(group.success, group.success_ci)
 
 
 def _rate(share: float, interval: tuple[float, float]) -> str:
