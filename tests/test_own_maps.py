@@ -218,18 +218,18 @@ def test_nonsense_in_a_map_file_is_refused_with_file_and_field(load: Load, field
 def test_a_damaged_or_endless_image_is_refused_at_once(data: bytes, tmp_path: Path) -> None:
     (tmp_path / "map.pgm").write_bytes(data)
     (tmp_path / "map.yaml").write_text(FIELDS.format(image="map.pgm"))
-    begin = time.monotonic()
+    begin = time.process_time()
     with pytest.raises(WorldError, match=r"map\.pgm"):
         load_world(tmp_path / "map.yaml")
-    assert time.monotonic() - begin < 2.0
+    assert time.process_time() - begin < 2.0
 
 
 def test_a_speckled_map_is_refused_at_once_and_one_of_many_specks_is_read(load: Load) -> None:
     rng = np.random.default_rng(0)
-    begin = time.monotonic()
+    begin = time.process_time()
     with pytest.raises(WorldError, match=r"have \d+ corners.*remove specks"):
         load(Image.fromarray(np.where(rng.random((1000, 1000)) < 0.2, 0, 254).astype(np.uint8)))
-    assert time.monotonic() - begin < 5.0
+    assert time.process_time() - begin < 5.0
     cells = np.where(rng.random((300, 300)) < 0.01, 0, 254).astype(np.uint8)
     cells[150:250, 20:100] = 254
     assert load(Image.fromarray(cells), start=Pose2(3.0, 5.0, 0.0)).walls.area == pytest.approx(

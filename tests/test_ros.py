@@ -199,7 +199,9 @@ def test_a_scan_that_comes_again_and_again_is_none(processes, policy, probe):
 def test_of_a_lidar_at_10_hz_every_second_scan_is_driven(processes, policy, probe):
     lidar, clock = probe.publisher(PointCloud2, "points"), probe.publisher(Clock, "/clock")
     processes.drive(policy)
-    probe.until(lambda: lidar.get_subscription_count() == clock.get_subscription_count() == 1)
+    probe.until(
+        lambda: lidar.get_subscription_count() == clock.get_subscription_count() == 1 and probe.hears("cmd_vel")
+    )
     for _ in range(5):  # a scan before its clock would be refused, and the next one driven at once
         clock.publish(Clock(clock=time_of(1000.0)))
         time.sleep(0.1)
