@@ -119,12 +119,12 @@ def test_scores_are_those_counted_by_hand() -> None:
             seed=i,
             difficulty=d,
             reversals=r,
-            clearance_m=0.1,
+            clearance_m=c,
             length_m=9.0,
             least_time_s=10.0,
             fingerprint="",
         )
-        for i, (d, r) in enumerate([(0.1, 0), (0.15, 2), (1.0, 2), (0.5, 9)])
+        for i, (d, r, c) in enumerate([(0.1, 0, 0.1), (0.15, 2, 0.008), (1.0, 2, 0.0079), (0.5, 9, 0.03)])
     ]
     outcome = np.array([[1, 1], [1, 2], [2, 2], [5, 1]], dtype=np.int8)
     tracks = TrackSet(name="s", robot="zebrat", sha256="0" * 64, tracks=tuple(facts))
@@ -140,6 +140,9 @@ def test_scores_are_those_counted_by_hand() -> None:
         "0": (1, 1.0), "2": (2, 0.25), "6+": (1, 0.5),
     }  # fmt: skip
     assert {name: at.reversing for name, at in score.by_reversals.items()} == {"0": 0.5, "2": 0.75, "6+": 0.0}
+    assert {name: (at.tracks, at.success) for name, at in score.by_clearance.items()} == {
+        "from 30 mm": (2, 0.75), "8 to 30 mm": (1, 0.5), "under 8 mm": (1, 0.0),
+    }  # fmt: skip
     told = set_table({"a": score})
     assert "| 0.0-0.2 | 2 | 75.0% (" in told and "| 2 | 2 | 75.0% |" in told
 

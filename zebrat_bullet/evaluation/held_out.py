@@ -1,6 +1,6 @@
-"""How an agent does on a held-out set: overall, by difficulty, by how often its certificates reverse."""
+"""How an agent does on a held-out set: overall, by difficulty, by what its certificates say."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -15,9 +15,11 @@ from zebrat_bullet.evaluation.track_set import SetTrack, TrackSet, draw_set
 from zebrat_bullet.robot import named_robot
 from zebrat_bullet.world import World
 
-N_BINS = 5
-# Tracks whose certificates reverse so often or oftener are one group.
-_OFTEN = 6
+_BINS = 5
+# The groups, in their order; those by clearance with the least of each, in m.
+_DIFFICULTIES = tuple(f"{i / _BINS:.1f}-{(i + 1) / _BINS:.1f}" for i in range(_BINS))
+_REVERSALS = ("0", "1", "2", "3", "4", "5", "6+")
+_CLEARANCES_M = {"from 30 mm": 0.03, "8 to 30 mm": 0.008, "under 8 mm": 0.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,8 @@ class SetScore:
         seeds: of the tracks driven.
         by_difficulty: by fifth of the difficulty, "0.0-0.2" and so on; those that hold a track.
         by_reversals: by number of reversals of the certificate, "0" to "5", "6+"; those that hold a track.
+        by_clearance: by what the certified drive keeps from the walls, "from 30 mm", "8 to 30 mm", "under 8 mm"; those
+            that hold a track.
         over_least: mean over the successes of time over the least that any drive can take; None without a success.
     """
 
@@ -57,6 +61,7 @@ class SetScore:
     seeds: tuple[int, ...]
     by_difficulty: dict[str, Group]
     by_reversals: dict[str, Group]
+    by_clearance: dict[str, Group]
     over_least: float | None
 
     def as_dict(self) -> dict[str, object]:
@@ -176,33 +181,41 @@ def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable
 def _score(tracks: TrackSet, facts: Sequence[SetTrack], how: SetJudgement, endings: Endings) -> SetScore:
     success = endings.success
     over_least = endings.time_s / np.array([track.least_time_s for track in facts])[:, None]
-    bins = np.minimum([int(track.difficulty * N_BINS) for track in facts], N_BINS - 1)
-    often = np.minimum([track.reversals for track in facts], _OFTEN)
-    fifths = {i: f"{i / N_BINS:.1f}-{(i + 1) / N_BINS:.1f}" for i in range(N_BINS)}
-    numbers = {i: str(i) for i in range(_OFTEN)} | {_OFTEN: f"{_OFTEN}+"}
     return SetScore(
         set=tracks.name,
         sha256=tracks.sha256,
         sim=how.sim,
         overall=tracks_score(endings),
         seeds=tuple(track.seed for track in facts),
-        by_difficulty=_groups(endings, bins.tolist(), fifths),
-        by_reversals=_groups(endings, often.tolist(), numbers),
+        by_difficulty=_groups(endings, map(_difficulty, facts), _DIFFICULTIES),
+        by_reversals=_groups(endings, map(_reversals, facts), _REVERSALS),
+        by_clearance=_groups(endings, map(_clearance, facts), _CLEARANCES_M),
         over_least=float(over_least[success].mean()) if success.any() else None,
     )
 
 
-def _groups(endings: Endings, keys: Sequence[int], names: Mapping[int, str]) -> dict[str, Group]:
-    groups = {}
-    for key, name in names.items():
-        of_key = [i for i, at in enumerate(keys) if at == key]
-        if of_key:
-            success = endings.success[of_key]
-            interval = tracks_interval(success.sum(axis=1), success.shape[1])
+def _difficulty(track: SetTrack) -> str:
+    return _DIFFICULTIES[min(int(track.difficulty * _BINS), _BINS - 1)]
+
+
+def _reversals(track: SetTrack) -> str:
+    return _REVERSALS[min(track.reversals, len(_REVERSALS) - 1)]
+
+
+def _clearance(track: SetTrack) -> str:
+    return next(name for name, least_m in _CLEARANCES_M.items() if track.clearance_m >= least_m)
+
+
+def _groups(endings: Endings, of_tracks: Iterable[str], names: Iterable[str]) -> dict[str, Group]:
+    groups, keys = {}, list(of_tracks)
+    for name in names:
+        of_name = [i for i, key in enumerate(keys) if key == name]
+        if of_name:
+            success = endings.success[of_name]
             groups[name] = Group(
-                tracks=len(of_key),
+                tracks=len(of_name),
                 success=float(success.mean()),
-                success_ci=interval,
-                reversing=float((endings.n_reversals[of_key] > 0).mean()),
+                success_ci=tracks_interval(success.sum(axis=1), success.shape[1]),
+                reversing=float((endings.n_reversals[of_name] > 0).mean()),
             )
     return groups

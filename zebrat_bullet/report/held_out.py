@@ -6,7 +6,7 @@ from zebrat_bullet.evaluation.held_out import Group, SetScore
 
 
 def set_table(scores: Mapping[str, SetScore]) -> str:
-    """Return a table of the whole set and, below, by difficulty, by reversals of the certificate, and who reversed.
+    """Return a table of the whole set and, below, by difficulty and by what the certificate says.
 
     Every rate of success stands with its 95 % interval.
     """
@@ -28,7 +28,9 @@ def set_table(scores: Mapping[str, SetScore]) -> str:
     difficulty = _by_group("difficulty", by_difficulty, _success)
     reversals = _by_group("reversals of the certificate", by_reversals, _success)
     reversing = _by_group("the same; the car itself reversed in", by_reversals, lambda group: f"{group.reversing:.1%}")
-    return "\n\n".join([title, "\n".join(rows), difficulty, reversals, reversing])
+    by_clearance = {agent: at.by_clearance for agent, at in scores.items()}
+    clearance = _by_group("clearance of the certificate", by_clearance, _success)
+    return "\n\n".join([title, "\n".join(rows), difficulty, reversals, reversing, clearance])
 
 
 def _by_group(what: str, groups: Mapping[str, Mapping[str, Group]], cell: Callable[[Group], str]) -> str:
