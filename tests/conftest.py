@@ -1,5 +1,6 @@
 """What many tests start from."""
 
+import signal
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -8,6 +9,10 @@ from zebrat_bullet.config import LidarConfig, PhysicsConfig
 from zebrat_bullet.detection.check import CollisionChecker
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.sim.simulation import Simulation
+
+# What a script starts in the background ignores SIGINT, and so would all that tests start and end by it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
