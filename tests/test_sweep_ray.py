@@ -75,4 +75,4 @@ def test_a_cluster_that_is_not_there_is_said_so_at_once(tmp_path):
     began = time.monotonic()
     with pytest.raises(ConfigError, match=r"no Ray cluster to use at '127\.0\.0\.1:1'"):
         run_on_ray({tmp_path / "run": TrainConfig()}, "127.0.0.1:1", retries=0)
-    assert time.monotonic() - began < 90
+    assert time.monotonic() - began < 20

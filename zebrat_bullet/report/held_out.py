@@ -23,14 +23,14 @@ def set_table(scores: Mapping[str, SetScore]) -> str:
         whole = _rate(at.overall.success, at.overall.success_ci)
         worst = _rate(at.overall.worst_tenth, at.overall.worst_tenth_ci)
         rows.append(f"| {agent} | {whole} | {worst} | {over} | {causes} |")
-    by_difficulty = {agent: at.by_difficulty for agent, at in scores.items()}
-    by_reversals = {agent: at.by_reversals for agent, at in scores.items()}
-    difficulty = _by_group("difficulty", by_difficulty, _success)
-    reversals = _by_group("reversals of the certificate", by_reversals, _success)
-    reversing = _by_group("the same; the car itself reversed in", by_reversals, lambda group: f"{group.reversing:.1%}")
-    by_clearance = {agent: at.by_clearance for agent, at in scores.items()}
-    clearance = _by_group("clearance of the certificate", by_clearance, _success)
-    return "\n\n".join([title, "\n".join(rows), difficulty, reversals, reversing, clearance])
+    reversals = {agent: at.by_reversals for agent, at in scores.items()}
+    tables = [
+        _by_group("difficulty", {agent: at.by_difficulty for agent, at in scores.items()}, _success),
+        _by_group("reversals of the certificate", reversals, _success),
+        _by_group("the same; the car itself reversed in", reversals, lambda group: f"{group.reversing:.1%}"),
+        _by_group("clearance of the certificate", {agent: at.by_clearance for agent, at in scores.items()}, _success),
+    ]
+    return "\n\n".join([title, "\n".join(rows), *tables])
 
 
 def _by_group(what: str, groups: Mapping[str, Mapping[str, Group]], cell: Callable[[Group], str]) -> str:
