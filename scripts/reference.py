@@ -23,7 +23,7 @@ from zebrat_bullet.planning.dwa.config import DwaConfig
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig
 from zebrat_bullet.planning.teb.config import TebConfig
 from zebrat_bullet.training import collapses, learner_settings, settings
-from zebrat_bullet.world import schema
+from zebrat_bullet.world import elements, schema
 
 CONFIGS: tuple[tuple[str, str, type], ...] = (
     ("task", "The car in a world", config.TaskConfig),
@@ -78,7 +78,8 @@ WORLDS_HEAD = """\
 
 A world is a YAML file like those in `worlds/`; [your own world](your_own_world.md) shows one of each kind. Lengths are
 in metres, angles in degrees where the key does not say `_rad`. A key that does not exist and a value out of its bounds
-are refused with the file, the field and the remedy. Written by `scripts/docs` from `zebrat_bullet/world/schema.py`.
+are refused with the file, the field and the remedy. Written by `scripts/docs` from
+`zebrat_bullet/world/schema.py` and `elements.py`.
 """
 
 _LEAST_LOOSE = 999
@@ -87,15 +88,15 @@ _LEAST_LOOSE = 999
 MODELS: tuple[type[BaseModel], ...] = (
     schema.WorldSpec,
     schema.StartSpec,
-    schema.Wall,
-    schema.Boxes,
-    schema.Straight,
-    schema.Turn,
-    schema.Niche,
-    schema.Box,
-    schema.PolygonObstacle,
-    schema.Post,
-    schema.Buttress,
+    elements.Wall,
+    elements.Boxes,
+    elements.Straight,
+    elements.Turn,
+    elements.Niche,
+    elements.Box,
+    elements.PolygonObstacle,
+    elements.Post,
+    elements.Buttress,
 )
 
 
@@ -243,7 +244,7 @@ def _plain(value: object) -> str:
 
 def _kind(annotation: object, bounds: str = "") -> str:
     """Return a type of a field in words."""
-    if annotation == schema.Point:
+    if annotation == elements.Point:
         return "[x, y]"
     origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:

@@ -27,7 +27,8 @@ from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, generate_tracks, load_world
 from zebrat_bullet.world.build import build_world
-from zebrat_bullet.world.schema import StartSpec, Straight, Turn, WorldSpec
+from zebrat_bullet.world.elements import Straight, Turn
+from zebrat_bullet.world.schema import StartSpec, WorldSpec
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,8 @@ from zebrat_bullet.task.drive import Drive, DriveStep
 from zebrat_bullet.types import Pose2, Reading
 from zebrat_bullet.world import World, load_world
 from zebrat_bullet.world.build import build_world
-from zebrat_bullet.world.schema import StartSpec, Straight, Turn, WorldSpec
+from zebrat_bullet.world.elements import Straight, Turn
+from zebrat_bullet.world.schema import StartSpec, WorldSpec
 
 TASK = TaskConfig(lidar=LidarConfig(caster="embree"))
 

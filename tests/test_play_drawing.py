@@ -14,7 +14,8 @@ from zebrat_bullet.files import parse_yaml
 from zebrat_bullet.play.check import drawn, opened
 from zebrat_bullet.play.drawing import BEHIND_M, Drawing, drawing_of, lay, on_page, parse_drawing
 from zebrat_bullet.play.stroke import fit_stroke
-from zebrat_bullet.world.schema import Straight, Turn, parse_spec, write_spec
+from zebrat_bullet.world.elements import Straight, Turn
+from zebrat_bullet.world.schema import parse_spec, write_spec
 
 
 def stroke(*corners: tuple[float, float], trembling_m: float = 0.02) -> list[list[float]]:

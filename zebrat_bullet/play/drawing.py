@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.elements import Straight, Turn
 from zebrat_bullet.world.passage import RANGE_Y_M, RANGE_YAW_RAD, START_GAP_M, start_share
-from zebrat_bullet.world.schema import StartSpec, Straight, Turn, WorldSpec
+from zebrat_bullet.world.schema import StartSpec, WorldSpec
 
 BEHIND_M = 1.0
 """So much passage lies behind the first corner, where the middle of the car begins."""

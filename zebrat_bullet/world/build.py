@@ -12,11 +12,12 @@ from shapely import affinity
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.elements import LOWEST_WALL_M, PolygonObstacle
 from zebrat_bullet.world.goal import circuit_from, lap_gates, point_gate
 from zebrat_bullet.world.meshes import read_mesh
 from zebrat_bullet.world.niches import open_niches
 from zebrat_bullet.world.ros_map import read_ros_map
-from zebrat_bullet.world.schema import LOWEST_WALL_M, PolygonObstacle, StartSpec, WorldSpec
+from zebrat_bullet.world.schema import StartSpec, WorldSpec
 from zebrat_bullet.world.solid import ExtrudedMesh, Solid, join, polygons_of
 from zebrat_bullet.world.survey import clear_widths, point_outward, survey
 from zebrat_bullet.world.track import GOAL_M, Track, lay_track

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from zebrat_bullet.world.elements import Buttress, Niche, Obstacle, Straight, Turn
 from zebrat_bullet.world.mixed import box_walls
 from zebrat_bullet.world.pieces import (
     Draft,
@@ -20,7 +21,6 @@ from zebrat_bullet.world.pieces import (
     stretches,
     wall_of,
 )
-from zebrat_bullet.world.schema import Buttress, Niche, Obstacle, Straight, Turn
 from zebrat_bullet.world.track import corner_extent, course_m
 
 # A drawn width is up to this much more than its difficulty says.

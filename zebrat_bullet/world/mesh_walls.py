@@ -6,7 +6,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import FlattenConfig
-from zebrat_bullet.world.schema import LOWEST_WALL_M
+from zebrat_bullet.world.elements import LOWEST_WALL_M
 from zebrat_bullet.world.solid import Solid, polygons_of
 
 BAND_M = (FlattenConfig.height_min_m, LOWEST_WALL_M)

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from zebrat_bullet.world.elements import Boxes, Buttress, Straight, Turn, Wall
 from zebrat_bullet.world.pieces import Draft, Segments, cm, one_of_sides
-from zebrat_bullet.world.schema import Boxes, Buttress, Straight, Turn, Wall
 from zebrat_bullet.world.track import corner_extent
 
 _WIDEST_M = 2.0

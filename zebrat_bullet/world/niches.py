@@ -9,7 +9,7 @@ from shapely import affinity
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.schema import Niche
+from zebrat_bullet.world.elements import Niche
 from zebrat_bullet.world.track import THINNEST_WALL_M, WAY_OUT_M, Track, join_ground, strip
 
 # A pocket reaches so far back into its corridor, so that the two overlap.

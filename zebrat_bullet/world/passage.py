@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.world.build import build_world
+from zebrat_bullet.world.elements import Straight, Turn
 from zebrat_bullet.world.load import default_robot
-from zebrat_bullet.world.schema import StartSpec, Straight, Turn, WorldSpec
+from zebrat_bullet.world.schema import StartSpec, WorldSpec
 from zebrat_bullet.world.track import corner_extent
 from zebrat_bullet.world.validate import check_closed, validate_world
 from zebrat_bullet.world.world import World

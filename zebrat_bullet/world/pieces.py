@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from zebrat_bullet.world.schema import Niche, Obstacle, StartSpec, Straight, Turn, Wall
+from zebrat_bullet.world.elements import Niche, Obstacle, Straight, Turn, Wall
+from zebrat_bullet.world.schema import StartSpec
 from zebrat_bullet.world.track import corner_extent, course_m
 
 Segments = list[Straight | Turn]

@@ -12,7 +12,7 @@ from pathlib import Path
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.files import shown
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.schema import MOST_COORDINATE_M
+from zebrat_bullet.world.elements import MOST_COORDINATE_M
 
 _SETTING = re.compile(r":(start|goal|exit)=([^:]*)")
 _LENGTHS = {"start": ("x,y,yaw in degrees", (3,)), "goal": ("x,y", (2,)), "exit": ("x1,y1,x2,y2", (4,))}

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zebrat_bullet.world.elements import Buttress, Niche, Straight, Turn
 from zebrat_bullet.world.pieces import Draft, Segments, between, cm, one_of_sides, wall_of
-from zebrat_bullet.world.schema import Buttress, Niche, StartSpec, Straight, Turn
+from zebrat_bullet.world.schema import StartSpec
 from zebrat_bullet.world.track import corner_extent
 
 _SPREAD_M = 0.03

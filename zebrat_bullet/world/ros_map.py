@@ -14,7 +14,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.files import is_file, read_image, refusing, shown
 from zebrat_bullet.geometry import rotation_2d
-from zebrat_bullet.world.schema import MOST_COORDINATE_M, StartSpec, Unknown, read_yaml
+from zebrat_bullet.world.elements import MOST_COORDINATE_M
+from zebrat_bullet.world.schema import StartSpec, Unknown, read_yaml
 from zebrat_bullet.world.solid import Solid, polygons_of
 
 IMAGE_SUFFIXES = (".pgm", ".png", ".ppm", ".pbm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff", ".gif", ".webp")

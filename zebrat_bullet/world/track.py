@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.schema import Straight, Turn
+from zebrat_bullet.world.elements import Straight, Turn
 
 SPACING_M = 0.1
 GOAL_M = 1.0

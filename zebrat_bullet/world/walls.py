@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import affinity
 
-from zebrat_bullet.world.schema import Box, Boxes, Buttress, Obstacle, PolygonObstacle, Post, Wall
+from zebrat_bullet.world.elements import Box, Boxes, Buttress, Obstacle, PolygonObstacle, Post, Wall
 from zebrat_bullet.world.solid import Solid, polygons_of
 from zebrat_bullet.world.track import Track
 
