@@ -248,6 +248,42 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     assert isinstance(held_out, Judge) and held_out.made_by()["sha256"] == shipped  # of one that is named, too
 
 
+def test_what_is_kept_in_tables_is_not_driven_again_and_comes_into_the_new_ones_as_it_is(tiny: Path):
+    path, kept = tiny / "manifest.yaml", tiny / "kept"
+    path.write_text(TINY.replace("episodes: 12", "episodes: 2"))
+    call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out")]
+    assert main([*call, "--only", "judge random", "judge held-out", "--quiet"]) == 0
+    driven = gather(place(tiny))
+    write_tables(driven, kept)
+    assert driven["episodes"].num_rows == 2 + 3 * 2 and driven["paths"].num_rows == 2
+
+    def elsewhere(old: str = "", new: str = "") -> tuple[Place, list[str]]:
+        """The same comparison in an empty folder, with those tables; and the judgements that it has still to drive."""
+        text = path.read_text().replace(old, new) if old else path.read_text()
+        manifest = tiny / "other.yaml"
+        manifest.write_text(text.replace("about: all of it", f"about: all of it\n    records: {kept}"))
+        here = Place(manifest=read_manifest(manifest), budget="all", out=tiny / "empty", checkout=ROOT)
+        to_do = [step for step in steps(here) if isinstance(step, Judge) and not step.is_done()]
+        return here, [step.cell.judgement for step in to_do]
+
+    here, to_do = elsewhere()
+    assert to_do == ["learned"]  # there is no policy of it
+    assert {name: gather(here)[name].to_pylist() for name in ("episodes", "paths")} == {
+        name: driven[name].to_pylist() for name in ("episodes", "paths")
+    }
+    here, to_do = elsewhere("method: random", "method: dice")  # another name only
+    assert to_do == ["learned"] and "dice" in gather(here)["episodes"]["method"].to_pylist()
+    assert elsewhere("episodes: 2, options", "episodes: 3, options")[1] == ["learned", "random"]
+    assert elsewhere("[--caster, embree]", "[--caster, open3d]")[1] == ["learned", "random"]
+    assert elsewhere("tracks: 3", "tracks: 4")[1] == ["learned", "held-out"]
+    assert elsewhere("[reversals-5]", "[reversals-4]")[1] == ["learned", "held-out"]
+    here, to_do = elsewhere("episodes: 2, options", "episodes: 1, options")  # more is kept than is asked for
+    assert to_do == ["learned"] and gather(here)["paths"].num_rows == 1
+    shutil.rmtree(kept)
+    with pytest.raises(ConfigError, match=r"budgets\.all\.records names .*kept, which is not there"):
+        elsewhere()
+
+
 def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
     here = place(tiny)
     planned: list[Step] = steps(here)
@@ -312,11 +348,13 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
 
 
 def test_a_set_of_fewer_tracks_than_are_asked_for_is_driven_whole(tmp_path: Path):
-    here = Place(manifest=read_manifest(SHIPPED), budget="laptop", out=tmp_path, checkout=ROOT)
-    judged = [step for step in steps(here) if isinstance(step, Judge) and step.cell.agent == "shipped"]
+    (tmp_path / "manifest.yaml").write_text(
+        TINY.replace("sets: [reversals-5], tracks: 3", "sets: [reversals-5, corners], tracks: 300")
+    )
+    judged = [step for step in steps(place(tmp_path)) if isinstance(step, Judge) and step.cell.method != "RL_FT"]
     tracks = {step.cell.place: step.made_by()["tracks"] for step in judged}
-    assert tracks["corners"] == 50 and tracks["track_2"] is None
-    assert tracks["reversals-5"] == len(read_set("reversals-5").tracks) < 50
+    assert tracks["track_2"] is None
+    assert tracks["corners"] == 300 and tracks["reversals-5"] == len(read_set("reversals-5").tracks) < 300
 
 
 def test_rows_in_any_order_make_the_same_bytes(tmp_path: Path):

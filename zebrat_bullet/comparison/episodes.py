@@ -67,18 +67,18 @@ def set_rows(folder: Path, who: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             }
 
 
-def driver_of(made_by: Path) -> str:
-    """Return the portable name of who drove, as the folder of a judgement says it; "" where nothing was driven.
+def read_made_by(made_by: Path) -> dict[str, Any] | None:
+    """Return what the outputs in the folder of a judgement depend on, as it says; None where nothing was driven.
 
     Raises:
         ZebratError: the file is damaged.
     """
     if not is_file(made_by):
-        return ""
+        return None
     said = read_json(made_by, ZebratError)
     if not isinstance(said, dict) or not isinstance(said.get("agent"), str):
         raise ZebratError(f"{made_by}: does not say who drove; delete its folder, and judge again")
-    return said["agent"]
+    return said
 
 
 def _measured(record: EpisodeRecord) -> dict[str, Any]:

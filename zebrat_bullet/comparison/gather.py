@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zebrat_bullet.comparison.episodes import driver_of, record_rows, set_rows
+from zebrat_bullet.comparison.episodes import read_made_by, record_rows, set_rows
 from zebrat_bullet.comparison.policies import EPISODES, Place, best_model, best_rank, runs_by_policy, who_of
+from zebrat_bullet.comparison.records import digest, read_records
 from zebrat_bullet.comparison.steps import CASES, MADE_BY, Collisions, Judge, steps, sweep_command
 from zebrat_bullet.comparison.tables import COLUMNS, table_of
 from zebrat_bullet.errors import ConfigError, ZebratError
@@ -120,14 +121,20 @@ def _curve(run: Path, name: str) -> Iterator[dict[str, Any]]:
 
 
 def _judged_rows(step: Judge, run_of: dict[str, str]) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None]]:
-    cell, agent = step.cell, driver_of(step.folder / MADE_BY)
-    if not agent:
+    cell, records = step.cell, step.place.records
+    kept = records is not None and step.is_kept() and not step.is_driven()
+    made_by = step.made_by() if kept else read_made_by(step.folder / MADE_BY)
+    if made_by is None:
         return
-    who = {
+    agent = made_by["agent"]
+    who: dict[str, Any] = {
         **{"agent": agent, "method": cell.method, "setting": cell.setting, "study": cell.study},
         **{"run": run_of.get(agent), "sim": cell.sim, "place": cell.place, "noise": cell.noise},
+        "made_by": digest(made_by),
     }
-    if cell.is_set:
+    if records is not None and kept:
+        yield from read_records(records).rows(who["made_by"], cell.place, cell.episodes, who)
+    elif cell.is_set:
         yield from ((row, None) for row in set_rows(step.folder, who))
     else:
         yield from record_rows(step.folder, cell.place, cell.episodes, who)
@@ -146,7 +153,3 @@ def _collision_rows(folder: Path) -> Iterator[dict[str, Any]]:
                 column: kinds[kind](text) if (text := texts[column]) or kind == "string" else None
                 for column, kind in COLUMNS["collisions"].items()
             }
-
-
-def _whole(text: str) -> int:
-    return int(float(text))

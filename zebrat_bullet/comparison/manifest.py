@@ -148,6 +148,7 @@ class Budget:
         anew: those of them that are run although finished runs are kept.
         judgements: those that are driven, each with what is done of it.
         collisions: the collision study that is driven; None for none.
+        records: a folder of tables, "" for none: judged episodes that are kept there are not driven again.
     """
 
     __pydantic_config__ = _EXACT
@@ -158,6 +159,7 @@ class Budget:
     anew: tuple[str, ...] = ()
     judgements: dict[str, Share] = field(default_factory=dict)
     collisions: Contacts | None = None
+    records: str = ""
 
     def __post_init__(self) -> None:
         if not self.seeds or len(set(self.seeds)) != len(self.seeds) or min(self.seeds) < 0:

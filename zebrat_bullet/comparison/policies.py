@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from zebrat_bullet.comparison.manifest import Budget, Manifest
@@ -35,6 +35,7 @@ class Place:
     budget: str
     out: Path
     checkout: Path
+    _runs: dict[str, dict[Path, TrainConfig]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def plan(self) -> Budget:
@@ -47,6 +48,21 @@ class Place:
             if path.is_relative_to(base):
                 return str(name / path.relative_to(base))
         return str(path)
+
+    @property
+    def records(self) -> Path | None:
+        """Where judged episodes are kept; None where all are to be driven.
+
+        Raises:
+            ConfigError: the folder is not there.
+        """
+        if not (named := self.plan.records):
+            return None
+        folder = self.checkout / named
+        if not folder.is_dir():
+            where = f"budgets.{self.budget}.records"
+            raise ConfigError(f"{where} names {named}, which is not there; run it in the checkout, or correct the name")
+        return folder
 
     def training_folder(self, name: str) -> Path:
         """Return where the runs of a training are; those that a budget cuts short are no one else's."""
@@ -86,10 +102,12 @@ class Place:
 
         They lack the models that they begin with.
         """
-        kept = () if self.is_cut_short(name) else self.manifest.trainings[name].kept_seeds
-        with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
-            sweeps = self.sweeps(name, kept).items()
-            return {run: at for folder, sweep in sweeps for run, at in runs_of(sweep, folder).items()}
+        if name not in self._runs:
+            kept = () if self.is_cut_short(name) else self.manifest.trainings[name].kept_seeds
+            with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
+                sweeps = self.sweeps(name, kept).items()
+                self._runs[name] = {run: at for folder, sweep in sweeps for run, at in runs_of(sweep, folder).items()}
+        return self._runs[name]
 
     def is_cut_short(self, name: str) -> bool:
         """Return whether the budget runs less of a training than the manifest asks for."""

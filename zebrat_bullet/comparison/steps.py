@@ -11,9 +11,10 @@ from typing import Any, ClassVar, Protocol
 from zebrat_bullet.assets import find_asset, list_assets
 from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
-from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.comparison.records import digest, read_records
+from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
-from zebrat_bullet.evaluation.track_set import read_set
+from zebrat_bullet.evaluation.track_set import TrackSet, read_set
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
@@ -178,7 +179,7 @@ class Judge:
         if not self.cell.is_set:
             return None
         asked = self.place.plan.judgements[self.cell.judgement].tracks or self.how.tracks
-        return min(asked, _size(self.cell.place)) if asked else None
+        return min(asked, len(_set(self.cell.place).tracks)) if asked else None
 
     def made_by(self) -> dict[str, Any]:
         """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
@@ -190,11 +191,27 @@ class Judge:
             "sim": self.cell.sim,
             "seed": self.how.seed,
             "options": list(self.how.options),
+            "set": _set(self.cell.place).sha256 if self.cell.is_set else None,
             "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
 
     def is_done(self) -> bool:
+        """Return whether it is driven, or kept."""
+        return self.is_driven() or self.is_kept()
+
+    def is_kept(self) -> bool:
+        """Return whether the budget's records hold it: of this agent, as many episodes at least."""
+        if (records := self.place.records) is None:
+            return False
+        try:
+            key = digest(self.made_by()), self.cell.place
+        except ConfigError:  # nobody has learned to drive it yet
+            return False
+        episodes = [row["episode"] for row in read_records(records).episodes.get(key, ())]
+        return bool(episodes) and max(episodes) + 1 >= self.cell.episodes
+
+    def is_driven(self) -> bool:
         """Return whether the scores are of this agent and of as many episodes at least."""
         try:
             if read_json(self.folder / MADE_BY, ZebratError) != self.made_by():
@@ -223,8 +240,8 @@ class Judge:
 
 
 @cache
-def _size(name: str) -> int:
-    return len(read_set(name).tracks)
+def _set(name: str) -> TrackSet:
+    return read_set(name)
 
 
 def steps(place: Place, ray: str | None = None) -> list[Step]:
