@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 
 from zebrat_bullet.cli.main import main, make_parser
+from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.task.rewards import TERMS
 
 ROOT = Path(__file__).parent.parent
@@ -134,6 +135,54 @@ def test_the_families_of_the_readme_are_those_of_the_record() -> None:
     for name, *cells in rows:
         agent = name.split("`")[1]
         assert cells == [f"{100 * at['success']:.3g}" for at in scores[agent].values()], name
+
+
+def test_the_held_out_sets_of_the_docs_are_those_shipped_and_judged() -> None:
+    judged = json.loads((DOCS / "results" / "allround" / "sets.json").read_text())
+    rows = re.findall(r"^\| `([\w-]+)` \| (\d+ \| \w{12} \| .*) \|$", (DOCS / "families.md").read_text(), re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(path.stem for path in (ROOT / "worlds" / "sets").glob("*.json"))
+    for name, said in rows:
+        held_out = read_set(name)
+        reversals = {track.reversals for track in held_out.tracks}
+        cells = [
+            str(len(held_out.tracks)),
+            held_out.sha256[:12],
+            "-".join(map(str, sorted({min(reversals), max(reversals)}))),
+        ]
+        for agent in ("shipped", "allround"):
+            at = judged[name][agent]
+            assert at["sha256"] == held_out.sha256, name
+            share, (low, high), worst = (at["overall"][key] for key in ("success", "success_ci", "worst_tenth"))
+            cells.append(f"{100 * share:.1f} ({100 * low:.1f}-{100 * high:.1f}), {100 * worst:.1f}")
+        assert said.split(" | ") == cells, name
+
+
+def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
+    seeds = json.loads((DOCS / "results" / "allround" / "seeds.json").read_text())
+    sets = [
+        *(f"reversals-{k}" for k in range(1, 6)),
+        "manoeuvres",
+        "uturns",
+        "uneven",
+        "bottlenecks",
+        "boxes",
+        "niches",
+    ]
+    rows = re.findall(r"^\| (\d) \| (.*) \|$", (DOCS / "families.md").read_text(), re.MULTILINE)
+    assert [seed for seed, _ in rows] == list(seeds)
+    for seed, said in rows:
+        cells = said.replace("*", "").split(" | ")
+        at = seeds[seed]
+        assert cells[:12] == [f"{100 * at[name]['success']:.1f}" for name in (*sets, "deadends")], seed
+        for cell, worlds in zip(cells[12:14], ("twelve_worlds", "twelve_worlds, everything random"), strict=True):
+            left, driven = (
+                sum(w["causes"]["success"] if n else w["episodes"] for w in at[worlds].values()) for n in (1, 0)
+            )
+            assert cell == f"{left} of {driven}", seed
+        some = [at["bullet_by_reversals"][k] for k in "123"]
+        left, driven = round(sum(s["tracks"] * s["success"] for s in some)), sum(s["tracks"] for s in some)
+        assert cells[14] == f"{at['bullet']['causes']['success']} of 100; {left} of {driven}", seed
+        assert cells[15] == ", ".join(f"{at['width mastered, m'][turn]:.3f}" for turn in ("90", "180")), seed
 
 
 @pytest.mark.slow
