@@ -121,9 +121,8 @@ def _curve(run: Path, name: str) -> Iterator[dict[str, Any]]:
 
 
 def _judged_rows(step: Judge, run_of: dict[str, str]) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None]]:
-    cell, records = step.cell, step.place.records
-    kept = records is not None and step.is_kept() and not step.is_driven()
-    made_by = step.made_by() if kept else read_made_by(step.folder / MADE_BY)
+    cell, records = step.cell, step.place.records if step.is_kept() and not step.is_driven() else None
+    made_by = step.made_by() if records else read_made_by(step.folder / MADE_BY)
     if made_by is None:
         return
     agent = made_by["agent"]
@@ -132,7 +131,7 @@ def _judged_rows(step: Judge, run_of: dict[str, str]) -> Iterator[tuple[dict[str
         **{"run": run_of.get(agent), "sim": cell.sim, "place": cell.place, "noise": cell.noise},
         "made_by": digest(made_by),
     }
-    if records is not None and kept:
+    if records:
         yield from read_records(records).rows(who["made_by"], cell.place, cell.episodes, who)
     elif cell.is_set:
         yield from ((row, None) for row in set_rows(step.folder, who))
