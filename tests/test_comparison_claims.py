@@ -40,8 +40,8 @@ def backed(method: str, n_reversals: int, outcomes: str = ALL) -> list[dict[str,
     return [row | {"n_reversals": n_reversals} for row in drive(**{method: outcomes})]
 
 
-def at_radius(radius: str, outcomes: str) -> list[dict[str, Any]]:
-    agent = {"agent": f"dwa:inflation_radius_m={radius}", "setting": f"radius {radius}"}
+def at_radius(radius: str, outcomes: str, setting: str = "") -> list[dict[str, Any]]:
+    agent = {"agent": f"dwa:inflation_radius_m={radius}", "setting": f"{setting}radius {radius}"}
     return [row | agent for row in drive(DWA=outcomes)]
 
 
@@ -117,6 +117,20 @@ def test_a_track_that_was_not_driven_leaves_a_claim_undecided():
     rows = [row for row in drive(RL_FT=NONE, RL_FOT=ALL) if row["place"] != "track_5"]
     claim = next(claim for claim in CLAIMS if claim.said == "O lowers collisions")
     assert claim.rule(Evidence(tables(episodes=rows)), "paper").verdict == Verdict.UNDECIDED
+
+
+def test_each_fairer_setting_of_a_planner_is_compared_with_itself_at_the_other_radius():
+    claim = next(claim for claim in CLAIMS if claim.said == "Planners collide more at radius 0.3 than at 0.5")
+
+    def finding(*settings: tuple[str, str, str]) -> tuple[Verdict, int]:
+        rows = [row for name, r3, r5 in settings for row in at_radius("0.3", r3, name) + at_radius("0.5", r5, name)]
+        said = claim.findings(Evidence(tables(episodes=rows)))[1]
+        return said.verdict, said.evidence.count("collisions (")
+
+    tuned, live = ("tuned, ", HALF, ALL), ("tuned, live costmap, ", HALF, ALL)
+    assert finding(tuned) == (Verdict.UPHELD, 1)
+    assert finding(tuned, live) == (Verdict.UPHELD, 2)
+    assert finding(tuned, ("live costmap, ", ALL, HALF)) == (Verdict.UNDECIDED, 2)
 
 
 def test_the_best_run_of_a_set_stands_for_it_and_the_better_radius_in_each_track():

@@ -149,6 +149,6 @@ def _planner_settings(evidence: Evidence, scope: Scope) -> dict[str, list[Drive]
     for method in ("DWA", "TEB"):
         for place in TRACKS:
             for drive in evidence.drives_of(scope, method, place):
-                beside = [part.strip() for part in drive.setting.split(",") if not part.startswith("radius")]
+                beside = [part for part in drive.setting.split(", ") if not part.startswith("radius")]
                 found[", ".join(filter(None, (*beside, drive.noise)))].append(drive)
     return found
