@@ -284,6 +284,15 @@ def test_what_is_kept_in_tables_is_not_driven_again_and_comes_into_the_new_ones_
         elsewhere()
 
 
+def test_the_committed_tables_are_of_todays_policies_and_sets_and_come_out_of_an_empty_folder_as_they_are(
+    tmp_path: Path,
+):
+    here = Place(manifest=read_manifest(SHIPPED), budget="laptop", out=tmp_path, checkout=ROOT)
+    committed = read_tables(ROOT / "docs" / "results" / "comparison")
+    for name, table in gather(here).items():
+        assert table.equals(committed[name]), name
+
+
 def test_before_it_starts_it_says_what_how_long_and_what_is_missing(tiny: Path):
     here = place(tiny)
     planned: list[Step] = steps(here)
