@@ -98,4 +98,5 @@ def _measured(record: EpisodeRecord) -> dict[str, Any]:
 def _thinned(record: EpisodeRecord) -> dict[str, Any]:
     n = len(record.pose)
     chosen = np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).round().astype(int))
-    return {"x": record.pose[chosen, 0].tolist(), "y": record.pose[chosen, 1].tolist()}
+    x, y = record.pose[chosen, :2].T.round(2).tolist()  # centimetres make the table a fifth as large
+    return {"x": x, "y": y}

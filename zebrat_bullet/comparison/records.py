@@ -9,10 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.comparison.tables import read_tables
+from zebrat_bullet.comparison.tables import COLUMNS, read_tables
 
 _DIGITS = 16
-_PATH_OF = ("agent", "setting", "study", "place", "seed", "episode", "noise")
+_PATH_OF = tuple(name for name, kind in COLUMNS["paths"].items() if kind != "float32s")
 
 
 def digest(made_by: Mapping[str, Any]) -> str:

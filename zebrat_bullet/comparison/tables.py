@@ -54,7 +54,8 @@ episodes: a judged episode a row. `agent` as `--agent` takes it, never an absolu
     start pose x0, y0, yaw0 and end pose x1, y1, yaw1 of the body centre in m, m, rad, world frame. Planar cars leave no
     path: all from `min_gap_m` to `yaw1` is null. `made_by` is a digest of what the outcome depends on (policy,
     simulator, seed, options, set and how many of its tracks): where it differs, the episodes are driven anew.
-paths: of every episode in a world at most 64 places of the body centre in m, world frame, evenly over its steps.
+paths: of every episode in a world at most 64 places of the body centre in m, to the centimetre, world frame, evenly
+    over its steps.
 collisions: a case of the collision study a row, as its cases.csv has them; `detected` of `events` contacts in time.
 """
 
