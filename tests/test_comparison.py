@@ -211,6 +211,21 @@ def test_an_unknown_budget_or_step_is_refused_with_those_there_are(tiny: Path, c
     assert "no step is called dance" in capfd.readouterr().err
 
 
+def test_the_whole_name_of_a_step_chooses_that_step_alone(tiny: Path, capfd: pytest.CaptureFixture[str]):
+    path = tiny / "manifest.yaml"
+    path.write_text(TINY.replace("judgements:", "  short-too: {study: paper, asked: much}\njudgements:", 1))
+    path.write_text(path.read_text().replace("trainings: {short: []}", "trainings: {short: [], short-too: []}"))
+
+    def chosen(*texts: str) -> list[str]:
+        call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
+        assert main([*call, "--plan", "--only", *texts]) == 0
+        names: list[str] = json.loads(capfd.readouterr().out.splitlines()[-1])["steps"]
+        return names
+
+    assert chosen("train short") == ["train short"]
+    assert chosen("train sho") == chosen("train short", "too") == ["train short", "train short-too"]
+
+
 def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capfd: pytest.CaptureFixture[str]):
     path = tiny / "manifest.yaml"
     path.write_text(TINY.replace("agent: random", "agent: nobody"))

@@ -208,6 +208,11 @@ def test_worlds_of_one_file_name_have_runs_of_their_own_that_stay_where_they_are
     assert set(begun) < set(grown)
 
 
+def test_runs_begin_seed_after_seed_so_that_a_sweep_that_is_stopped_has_compared_alike(tmp_path):
+    runs = open_sweep(Sweep(algos=("ddpg", "sac"), rewards=("fomt", "wg"), seeds=(0, 1)), tmp_path / "sweep")
+    assert [config.seed for config in runs.values()] == [0, 0, 0, 0, 1, 1, 1, 1]
+
+
 def test_files_of_a_sweep_are_found_from_anywhere_with_their_places_too(tmp_path, monkeypatch):
     shutil.copy(Path(__file__).parent.parent / "worlds" / "track_2.yaml", tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -61,13 +61,14 @@ def reproduce(arguments: argparse.Namespace) -> Result:
 
 
 def _chosen(planned: "list[Step]", only: list[str] | None) -> "list[Step]":
-    """Return the steps whose names hold one of these texts."""
+    """Return the steps whose names hold one of these texts; one that is the whole name of a step means that step."""
     if only is None:
         return planned
-    chosen = [step for step in planned if any(text in step.name for text in only)]
+    names = {step.name for step in planned}
+    chosen = [step for step in planned if any(step.name == t or (t not in names and t in step.name) for t in only)]
     if not chosen:
-        names = ", ".join(step.name for step in planned[:_SHOWN])
-        raise ConfigError(f"no step is called {', '.join(only)}; there are {names}, ... (--plan lists all with --json)")
+        some = ", ".join(step.name for step in planned[:_SHOWN])
+        raise ConfigError(f"no step is called {', '.join(only)}; there are {some}, ... (--plan lists all with --json)")
     return chosen
 
 
@@ -97,7 +98,7 @@ def add(command: AddCommand) -> None:
         "--only",
         nargs="+",
         metavar="TEXT",
-        help="only steps whose name holds one of these, e.g. 'train scale' planners",
+        help="only steps whose name is or holds one of these, e.g. 'train scale' planners",
     )
     made.add_argument("--gather", action="store_true", help="run nothing: only make the tables of what there is")
     made.add_argument(

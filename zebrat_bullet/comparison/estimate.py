@@ -93,8 +93,8 @@ def _steps(place: Place, training: str, config: TrainConfig) -> float:
     """Return how many steps a run will take: as it says, or as many an episode as kept runs of the training took."""
     if config.planar is not None:
         return float(config.steps or 0)
-    with place.read_runs(training) as runs:
-        kept = [reached(readable, config) for run, readable in runs.items() if readable != run]
+    runs = place.readable_runs(training)
+    kept = [reached(readable, config) for run, readable in runs.items() if readable != run]
     episodes, steps = (sum(at.get(name) or 0 for at in kept) for name in ("episodes", "steps"))
     an_episode = steps / episodes if episodes else _STEPS_AN_EPISODE
     return config.episodes * min(an_episode, config.task.episode.max_steps)

@@ -57,19 +57,18 @@ def gather(place: Place) -> "dict[str, Table]":
 def _training_rows(place: Place, name: str) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
     """Yield the row of each run of a training, and the rows of its learning curve."""
     training, configs = place.manifest.trainings[name], place.runs(name)
-    sweeps = place.sweeps(name)
-    with place.read_runs(name) as readable:
-        for run, config in configs.items():
-            algo, reward = who_of(run, config)
-            row = {
-                **{"run": place.run_name(run), "study": training.study, "algorithm": algo, "reward": reward},
-                **{"variant": training.variant, "seed": config.seed, "asked": training.asked},
-                "command": _command(place, name, _of_one(sweeps[run.parent], algo, reward, config.seed), run.parent),
-            }
-            row |= reached(readable[run], config)
-            if place.is_cut_short(name) and row["state"] == "complete":
-                row["state"] = "partial"  # of what `asked` says
-            yield row, list(_curve(readable[run], place.run_name(run)))
+    sweeps, readable = place.sweeps(name), place.readable_runs(name)
+    for run, config in configs.items():
+        algo, reward = who_of(run, config)
+        row = {
+            **{"run": place.run_name(run), "study": training.study, "algorithm": algo, "reward": reward},
+            **{"variant": training.variant, "seed": config.seed, "asked": training.asked},
+            "command": _command(place, name, _of_one(sweeps[run.parent], algo, reward, config.seed), run.parent),
+        }
+        row |= reached(readable[run], config)
+        if place.is_cut_short(name) and row["state"] == "complete":
+            row["state"] = "partial"  # of what `asked` says
+        yield row, list(_curve(readable[run], place.run_name(run)))
 
 
 def _of_one(sweep: Sweep, algo: str, reward: str, seed: int) -> Sweep:

@@ -1,9 +1,11 @@
 """What the runs of a training have become, here or in what is kept of them, and which of their policies is best."""
 
+import atexit
 import hashlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 from zebrat_bullet.comparison.manifest import Budget, Manifest
@@ -119,24 +121,30 @@ class Place:
         policy = self.checkout / folder / f"{run.name}.safetensors"
         return policy if folder and policy.is_file() else None
 
-    @contextmanager
-    def read_runs(self, name: str) -> Iterator[dict[Path, Path]]:
-        """Yield where each run of a training in this budget can be read: there, or in what is kept of it.
+    def readable_runs(self, name: str) -> dict[Path, Path]:
+        """Return where each run of a training in this budget can be read: there, or in what is kept of it.
 
         A finished one goes before one that is not, and one of this folder before a kept one.
         """
         training, runs = self.manifest.trainings[name], list(self.runs(name))
         if not training.kept or self.is_cut_short(name):
-            yield {run: run for run in runs}
-            return
+            return {run: run for run in runs}
         kept = self.checkout / training.kept
         if not kept.exists():
             where = f"trainings.{name}.kept"
             raise ConfigError(
                 f"{where} names {training.kept}, which is not there; run it in the checkout, or correct the name"
             )
-        with as_folder(kept) as folder:
-            yield {run: min((run, folder / run.name), key=_how_far) for run in runs}
+        folder = _unpacked(kept)
+        return {run: min((run, folder / run.name), key=_how_far) for run in runs}
+
+
+@cache
+def _unpacked(kept: Path) -> Path:
+    """Return a folder of kept runs; an archive is unpacked once, until this process ends."""
+    opened = ExitStack()
+    atexit.register(opened.close)
+    return opened.enter_context(as_folder(kept))
 
 
 def _how_far(run: Path) -> int:
@@ -151,12 +159,11 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
     """
     configs = place.runs(name)
     found: list[tuple[tuple[float, float, float], str, Path]] = []
-    with place.read_runs(name) as runs:
-        for run, readable in runs.items():
-            policy = run / POLICY if readable == run else place.kept_policy(name, run)
-            wanted = who_of(run, configs[run]) == (algo, reward) and seed in (None, configs[run].seed)
-            if wanted and policy is not None and policy.is_file():
-                found.append((best_rank(readable), run.name, policy))
+    for run, readable in place.readable_runs(name).items():
+        policy = run / POLICY if readable == run else place.kept_policy(name, run)
+        wanted = who_of(run, configs[run]) == (algo, reward) and seed in (None, configs[run].seed)
+        if wanted and policy is not None and policy.is_file():
+            found.append((best_rank(readable), run.name, policy))
     if not found:
         which = f"{algo} under {reward}" + ("" if seed is None else f", seed {seed}")
         raise ConfigError(f"training {name!r} has no policy of {which} yet; its runs come first")

@@ -73,12 +73,12 @@ class Train:
     def missing(self) -> list[Path]:
         """Return the runs that are not finished, here or in what is kept."""
         anew = self.training in self.place.plan.anew
-        with self.place.read_runs(self.training) as readable:
-            return [
-                run
-                for run in runs_of(self.sweep, self.folder)
-                if not is_finished(run) and (anew or not is_finished(readable[run]))
-            ]
+        readable = self.place.readable_runs(self.training)
+        return [
+            run
+            for run in runs_of(self.sweep, self.folder)
+            if not is_finished(run) and (anew or not is_finished(readable[run]))
+        ]
 
     def is_done(self) -> bool:
         """Return whether every run came to its end."""

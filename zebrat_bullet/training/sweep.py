@@ -124,6 +124,8 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
 def runs_of(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     """Return the runs of a sweep by the folders that they would have; nothing is read or written.
 
+    Seed after seed: what is finished when a sweep is stopped can be compared.
+
     Raises:
         ConfigError: a setting is wrong.
     """
@@ -133,7 +135,7 @@ def runs_of(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     training: list[tuple[str, ...]] = [(world,) for world in sweep.worlds]
     training = training or [TRAIN_PRESETS[sweep.preset].worlds]
     labels = _labels(training)
-    for algo, reward, worlds, seed in product(sweep.algos, sweep.rewards, training, sweep.seeds):
+    for seed, algo, reward, worlds in product(sweep.seeds, sweep.algos, sweep.rewards, training):
         run = folder / f"{algo}-{reward}-{labels[worlds]}-seed{seed}"
         try:
             runs[run] = _run_config(sweep, algo, reward, worlds, seed)
