@@ -1,5 +1,6 @@
 """From the outputs of a comparison, whole or in part, to its tables: nothing is driven, nothing is invented."""
 
+import math
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -100,9 +101,18 @@ def reached(run: Path, config: TrainConfig) -> dict[str, Any]:
             "episodes": None if config.planar else len(rows),
             "steps": max(int(row["total_steps"]) for row in last),
             "wall_s": max(float(row["wall_s"]) for row in last),
-            "best_success": best_rank(run)[0] if judged else None,
+            **(_best(run) if judged else {}),
             "state": "complete" if is_finished(run) else "partial",
         }
+
+
+def _best(run: Path) -> dict[str, float | None]:
+    success, collision, time_s = best_rank(run)
+    return {
+        "best_success": success,
+        "best_collision": -collision,
+        "best_time_s": -time_s if math.isfinite(time_s) else None,
+    }
 
 
 def _curve(run: Path, name: str) -> Iterator[dict[str, Any]]:

@@ -154,6 +154,8 @@ def _how_far(run: Path) -> int:
 def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | None = None) -> Path:
     """Return the policy of a training to be judged: the best of its seeds by their own evaluations, or of one seed.
 
+    Runs that are not finished have none: they would stand beside others that had more time.
+
     Raises:
         ConfigError: there is none; the message says what to run.
     """
@@ -162,7 +164,7 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
     for run, readable in place.readable_runs(name).items():
         policy = run / POLICY if readable == run else place.kept_policy(name, run)
         wanted = who_of(run, configs[run]) == (algo, reward) and seed in (None, configs[run].seed)
-        if wanted and policy is not None and policy.is_file():
+        if wanted and policy is not None and policy.is_file() and is_finished(readable):
             found.append((best_rank(readable), run.name, policy))
     if not found:
         which = f"{algo} under {reward}" + ("" if seed is None else f", seed {seed}")

@@ -56,7 +56,7 @@ def read_records(folder: Path) -> Records:
     Raises:
         ConfigError: it lacks a table, one is damaged, or pyarrow is not installed.
     """
-    tables = read_tables(folder)
+    tables = read_tables(folder, ("episodes", "paths"))
     episodes: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in tables["episodes"].to_pylist():
         episodes[row["made_by"], row["place"]].append(row)

@@ -17,7 +17,8 @@ COLUMNS: dict[str, dict[str, str]] = {
     "runs": {
         **{"run": "string", "study": "string", "algorithm": "string", "reward": "string", "variant": "string"},
         **{"seed": "int64", "asked": "string", "episodes": "int64", "steps": "int64", "wall_s": "float64"},
-        **{"best_success": "float64", "state": "string", "command": "string"},
+        **{"best_success": "float64", "best_collision": "float64", "best_time_s": "float64"},
+        **{"state": "string", "command": "string"},
     },
     "learning": {
         **{"run": "string", "episode": "int64", "total_steps": "int64", "best_return": "float64"},
@@ -43,8 +44,9 @@ COLUMNS: dict[str, dict[str, str]] = {
 """Of each table its columns and their types; "float32s" is a list of float32. What is not known is null.
 
 runs: a training run a row. `asked` is its length as the manifest says it; `episodes` (null of planar runs, which log
-    four cars only), `steps` and `wall_s` what is done of it; `best_success` of the best of its own noise-free
-    evaluations, 0 to 1; `state` "complete", "partial" or "missing"; `command` makes it.
+    four cars only), `steps` and `wall_s` what is done of it; `best_success`, `best_collision` (0 to 1) and
+    `best_time_s` (of its successes; null without) those of the best of its own noise-free evaluations; `state`
+    "complete", "partial" or "missing"; `command` makes it.
 learning: of each run a row for every 20 episodes with the best return among them, and one for every noise-free
     evaluation with its success; the other is null.
 episodes: a judged episode a row. `agent` as `--agent` takes it, never an absolute path; `run` null of what is not
@@ -86,14 +88,14 @@ def write_tables(tables: Mapping[str, "Table"], folder: Path) -> None:
         part.replace(folder / f"{name}.parquet")
 
 
-def read_tables(folder: Path) -> dict[str, "Table"]:
-    """Read the five tables in a folder.
+def read_tables(folder: Path, names: Iterable[str] = tuple(COLUMNS)) -> dict[str, "Table"]:
+    """Read tables in a folder: all five, or those named.
 
     Raises:
         ConfigError: one is not there, is no such table, or pyarrow is not installed.
     """
     read = {}
-    for name in COLUMNS:
+    for name in names:
         schema, path = _schema(name), folder / f"{name}.parquet"
         from pyarrow.parquet import read_table
 

@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,9 +80,18 @@ def atlas_card(
     world: World,
     footprint: NDArray[np.float64],
     way: Way | None,
-    command: str,
+    options: Callable[[Drive], Sequence[str]],
 ) -> Card:
-    """Return a group's card: its first drive is the one whose way is drawn, and that the command drives again."""
+    """Return a group's card: its first drive is the one whose way is drawn, and that the command drives again.
+
+    Args:
+        group: the failures.
+        number: of the group in its world.
+        world: where.
+        footprint: (K, 2) outline of the car in its base frame, m.
+        way: of the first drive.
+        options: of the command line under which a drive was driven.
+    """
     picture = draw_place(world, footprint, group.at, group.drives, way)
     x, y = (round(value, 1) + 0.0 for value in group.at)  # no -0.0
     words = group.outcome.replace("_", " ")
@@ -90,13 +99,13 @@ def atlas_card(
     return Card(
         Picture(f"failure_{group.place}_{number:02d}", picture, f"{group.place}: {title}"),
         title,
-        _members(group.drives),
-        command,
+        _members(group.drives, options),
+        replay_command(group.drives[0], options(group.drives[0])),
     )
 
 
-def _members(drives: Sequence[Drive]) -> str:
-    """Return who failed, and in which episodes."""
+def _members(drives: Sequence[Drive], options: Callable[[Drive], Sequence[str]]) -> str:
+    """Return who failed, in which episodes, and what drives those again where the card's command does not."""
     said: dict[str, list[Drive]] = {}
     for drive in drives:
         name = ", ".join(filter(None, (drive.method, drive.setting, drive.noise, drive.run)))
@@ -105,5 +114,11 @@ def _members(drives: Sequence[Drive]) -> str:
     for name, of_name in said.items():
         episodes = [str(drive.episode) for drive in of_name]
         more = ", ..." if len(episodes) > _MOST_EPISODES else ""
-        lines.append(f"**{name}**: {len(of_name)}, episodes {', '.join(episodes[:_MOST_EPISODES])}{more}")
+        how = [_words(drive, options) for drive in (drives[0], of_name[0])]
+        other = f" (`{how[1]}`)" if how[0] != how[1] else ""
+        lines.append(f"**{name}**{other}: {len(of_name)}, episodes {', '.join(episodes[:_MOST_EPISODES])}{more}")
     return "; ".join(lines)
+
+
+def _words(drive: Drive, options: Callable[[Drive], Sequence[str]]) -> str:
+    return shlex.join(["--agent", drive.agent, *options(drive)])

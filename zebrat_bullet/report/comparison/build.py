@@ -18,7 +18,7 @@ from zebrat_bullet.report.comparison.section_evaluation import ablation_section,
 from zebrat_bullet.report.comparison.section_run import run_section
 from zebrat_bullet.report.comparison.section_scale import rivals_section, scale_section
 from zebrat_bullet.report.comparison.section_training import collision_section, curve_section
-from zebrat_bullet.report.comparison.settings import asked_for
+from zebrat_bullet.report.comparison.settings import asked_for, asked_runs
 
 NOTES = "notes.md"
 FORMATS = (".html", ".md")
@@ -30,8 +30,9 @@ with Safety Region Enhanced Reinforcement Learning for Ackermann-steering Robots
 
 **{claims}**
 
-Every number here is computed from five tables of records, and from nothing else: `zebrat report --records FOLDER --out
-FILE` makes this page from them again, byte for byte; `zebrat reproduce` makes the tables.
+Every table, figure and verdict here is computed from five tables of records: `zebrat report --records FOLDER --out
+FILE` makes this page from them again, byte for byte; `zebrat reproduce` makes the tables. The text under "What was
+learned, and why" is written by hand and names where its other numbers come from.
 """
 
 
@@ -49,7 +50,7 @@ def make_document(tables: Mapping[str, Any], manifest: Manifest, notes: str = ""
     sections = (
         claims,
         *learned,
-        run_section(evidence, asked_for(manifest, evidence)),
+        run_section(evidence, asked_for(manifest, evidence), asked_runs(manifest)),
         collision_section(evidence),
         curve_section(evidence),
         evaluation_section(evidence),

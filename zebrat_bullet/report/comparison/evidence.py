@@ -1,5 +1,6 @@
 """The tables of records as the report asks of them: who drove where, and which episodes stand for a method."""
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,15 +13,17 @@ from numpy.typing import NDArray
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Difference, Rate, rate_difference, seeds_difference
 
 TRACKS = tuple(f"track_{i}" for i in range(1, 9))
-SEEN, UNSEEN = TRACKS[:3], TRACKS[3:]
+UNSEEN = TRACKS[3:]
+REAL = ("real_1", "real_2", "real_3")
+"""Tracks like those of the paper's real-world test (IV-D)."""
 RIGHT_ANGLES = ("track_2", "track_7")
 METHODS = ("DWA", "TEB", "IL", "RL_WG", "RL_FT", "RL_FOT", "RL_FOMT")
 """In the order of the paper's Table II."""
 OURS = "RL_FOMT"
 Way = NDArray[np.float32]
 """(N, 2) places of the body centre in m, world frame."""
-Scope = Literal["paper", "scale"]
-"""At the paper's budget; or at ours, and with fairer rivals."""
+Scope = Literal["paper", "finetuned", "scale"]
+"""At the paper's budget, before its fine-tuning or after; or at scale, and with fairer rivals."""
 PAPER_SETTINGS = {"DWA": ("radius 0.3", "radius 0.5"), "TEB": ("radius 0.3", "radius 0.5"), "IL": ("10,049 pairs",)}
 """Of the methods that are not trained here, what the paper compares; anything else of them is a fairer rival."""
 
@@ -89,6 +92,20 @@ def rate(drives: Sequence[Drive], what: Callable[[Drive], bool] = succeeded) -> 
     return Rate(sum(map(what, drives)), len(drives))
 
 
+def _contestant(drive: Drive) -> tuple[str, ...]:
+    """Return what tells who drives from other contestants of the same method: run, setting, noise, agent."""
+    return drive.run or "", drive.setting, drive.noise, drive.agent
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Two shares, how much greater the first is, and all in words."""
+
+    shares: tuple[float, float]
+    difference: Difference
+    words: str
+
+
 class Evidence:
     """What the five tables say, as `zebrat_bullet.comparison.tables` reads them.
 
@@ -146,10 +163,19 @@ class Evidence:
         """Return the seed of a run; None of what is not trained here."""
         return self._by_run.get(run or "", {}).get("seed")
 
-    def best_success(self, run: str | None) -> float:
-        """Return the success of a run's best policy in its own evaluations; -1 where it is not known."""
-        value = self._by_run.get(run or "", {}).get("best_success")
-        return -1.0 if value is None else float(value)
+    def is_asked(self, scope: Scope, method: str) -> bool:
+        """Return whether a set is trained in a scope at all, finished or not; of what is not trained here True."""
+        reward = method.removeprefix("RL_").lower()
+        studies = {"paper": "paper", "finetuned": "finetuning", "scale": "scale"}
+        return reward == method.lower() or any(
+            (run["study"], run["reward"]) == (studies[scope], reward) for run in self.runs
+        )
+
+    def _rank(self, run: str | None) -> tuple[float, float, float]:
+        """Return the order in which runs are better: their best policy's success, collisions and time, as it judged."""
+        row = self._by_run.get(run or "", {})
+        success, collision, time_s = (row.get(f"best_{name}") for name in ("success", "collision", "time_s"))
+        return -1.0 if success is None else success, -(collision or 0.0), -(math.inf if time_s is None else time_s)
 
     @cached_property
     def _judged(self) -> dict[tuple[Scope, str, str], list[Drive]]:
@@ -161,34 +187,52 @@ class Evidence:
         return found
 
     def _scope(self, drive: Drive) -> Scope | None:
-        """Return what a drive is evidence for; fine-tuning is part of the paper's training."""
+        """Return what a drive is evidence for."""
         if drive.study == "rivals":
             known = drive.setting in PAPER_SETTINGS.get(drive.method, ())
             return "paper" if known and not drive.noise else "scale"
         if drive.noise or self.variant(drive.run):
             return None
-        if drive.study in ("paper", "finetuning"):
-            return "paper" if self.algorithm(drive.run) in ("", "ddpg") else None
+        if drive.study in ("paper", "finetuning") and self.algorithm(drive.run) in ("", "ddpg"):
+            return "paper" if drive.study == "paper" else "finetuned"
         return "scale" if drive.study == "scale" else None
 
     def drives_of(self, scope: Scope, method: str, place: str) -> list[Drive]:
         """Return every drive of a method in a world, under PyBullet."""
         return self._judged.get((scope, method, place), [])
 
+    @cached_property
+    def _chosen(self) -> dict[tuple[Scope, str], tuple[str, ...]]:
+        """What tells the drives that stand for a method from its others."""
+        found: dict[tuple[Scope, str], dict[tuple[str, ...], list[Drive]]] = defaultdict(lambda: defaultdict(list))
+        for (scope, method, _), drives in self._judged.items():
+            for drive in drives:
+                found[scope, method][_contestant(drive)].append(drive)
+
+        def better(key: tuple[str, ...], drives: Sequence[Drive]) -> tuple[Any, ...]:
+            own = [drive for drive in drives if drive.place in TRACKS]
+            times = [drive.duration_s for drive in own if drive.success]
+            share = rate(own).share if own else -1.0
+            return self._rank(key[0]), len({drive.place for drive in own}), share, -np.mean(times) if times else -np.inf
+
+        return {
+            who: max(sorted(contestants), key=lambda key: better(key, contestants[key]))  # the first of equals
+            for who, contestants in found.items()
+        }
+
     def shown(self, scope: Scope, method: str, place: str) -> list[Drive]:
         """Return the drives that stand for a method in a world.
 
-        Of a trained set those of the run whose best policy succeeds most in its own evaluations, of several settings
-        those of the one that succeeds most in this world (paper, IV-B).
+        Of a trained set those of the run whose best policy ranks highest in its own evaluations; of several settings
+        those of the one that succeeds most over Tracks 1 to 8, then of the fastest (paper, IV-C: the better radius).
         """
-        drives = self.drives_of(scope, method, place)
-        if runs := sorted({drive.run for drive in drives if drive.run is not None}):
-            best = max(runs, key=self.best_success)  # the first of equals
-            drives = [drive for drive in drives if drive.run == best]
-        settings: dict[tuple[str, str, str], list[Drive]] = {}
-        for drive in drives:
-            settings.setdefault((drive.setting, drive.noise, drive.agent), []).append(drive)
-        return max((settings[key] for key in sorted(settings)), key=lambda each: rate(each).share, default=[])
+        chosen = self._chosen.get((scope, method))
+        return [drive for drive in self.drives_of(scope, method, place) if _contestant(drive) == chosen]
+
+    def setting(self, scope: Scope, method: str) -> str:
+        """Return with which setting a method stands for itself; empty where it has none."""
+        _, setting, noise, _ = self._chosen.get((scope, method), ("",) * 4)
+        return ", ".join(filter(None, (setting, noise)))
 
     def pool(self, scope: Scope, method: str, places: Iterable[str]) -> list[Drive]:
         """Return what stands for a method in several worlds; empty unless it has driven in each of them."""
@@ -207,6 +251,9 @@ class Evidence:
         whole = [of_run[run] for run in sorted(of_run) if len(of_run[run]) == len(places)]
         return [sum(rate(drives, what).share for drives in at.values()) / len(places) for at in whole]
 
+    def _of_runs(self, scope: Scope, method: str, places: Sequence[str]) -> list[Drive]:
+        return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
+
     def on_sets(self, method: str, families: Sequence[str], outcome: str) -> list[float]:
         """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale."""
         counts: dict[str, list[int]] = defaultdict(lambda: [0, 0])
@@ -220,22 +267,21 @@ class Evidence:
 
     def compare(
         self, scope: Scope, a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool]
-    ) -> tuple[Difference, str] | None:
-        """Return how much oftener the drives of `a` are so than those of `b`, and both in words.
+    ) -> Compared | None:
+        """Return how much oftener the drives of `a` are so than those of `b`.
 
-        Over runs where enough of either were judged, else over the episodes of those shown; None where one of them has
-        not driven in all of these worlds.
+        Over runs where enough of either were judged (over all their episodes where none differs from another), else
+        over the episodes of those shown; None where one of them has not driven in all of these worlds.
         """
-        by_seed = [self.seeds(scope, method, places, what) for method in (a, b)]
-        if scope == "scale" and all(len(values) >= ENOUGH_SEEDS for values in by_seed):
-            x, y = by_seed
-            words = "; ".join(
-                f"{method} {sum(v) / len(v):.0%} (mean of {len(v)} runs)"
-                for method, v in zip((a, b), by_seed, strict=True)
-            )
-            return seeds_difference(x, y), words
+        x, y = (self.seeds(scope, method, places, what) for method in (a, b))
+        if min(len(x), len(y)) >= ENOUGH_SEEDS:
+            words = "; ".join(f"{m} {np.mean(v):.0%} (mean of {len(v)} runs)" for m, v in ((a, x), (b, y)))
+            difference = seeds_difference(x, y)
+            if math.isnan(difference.low):  # no seed differs from another: what is left is how many drives they are
+                difference = rate_difference(*(rate(self._of_runs(scope, method, places), what) for method in (a, b)))
+            return Compared((float(np.mean(x)), float(np.mean(y))), difference, words)
         pools = [self.pool(scope, method, places) for method in (a, b)]
         if not all(pools):
             return None
         one, other = (rate(pool, what) for pool in pools)
-        return rate_difference(one, other), f"{a} {one}; {b} {other}"
+        return Compared((one.share, other.share), rate_difference(one, other), f"{a} {one}; {b} {other}")

@@ -1,21 +1,29 @@
 """The rules that decide a claim. They see tables only, and each can say upheld, not upheld or undecided."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
+
+import numpy as np
 
 from zebrat_bullet.report.comparison.evidence import Drive, Evidence, Scope, rate, succeeded
-from zebrat_bullet.report.comparison.statistics import Difference, Rate, holm, paired_test
+from zebrat_bullet.report.comparison.statistics import LEVEL, Difference, holm, paired_test
 
 MARGIN = 0.05
-"""A difference of rates that a claim of "more" is denied to fall short of."""
+"""A claim of "more" is denied where the difference is surely smaller than this; and a share nearer than this to 0 or 1
+leaves no room for one."""
 OFTEN = 0.25
 """Who fails in more than this share of the episodes fails often."""
+STEP_S = 0.2
+"""Times nearer to one another than a control step count as equal."""
 RULE = (
     f"**More** (of two rates): upheld where the whole 95 % interval of the difference is above 0; not upheld where all "
-    f"of it is below {MARGIN * 100:.0f} points; else undecided. **Often fails**: upheld where the whole 95 % interval "
-    f"of the failures (whatever ends without success) is above {OFTEN:.0%}, not upheld where it is below. Where a "
-    "method has not driven in all of the tracks concerned, nothing is decided."
+    f"of it is below {MARGIN * 100:.0f} points; else undecided. **No room**: where a set without what is said to help "
+    f"already succeeds in more than {1 - MARGIN:.0%} of the episodes, or collides in fewer than {MARGIN:.0%}, nothing "
+    f"can be better by {MARGIN * 100:.0f} points, and the claim is undecided. **Often**: upheld where the whole 95 % "
+    f"interval of the share is above {OFTEN:.0%} (a number of ours, the paper has none), not upheld where it is below. "
+    "Where a method has not driven in all of the tracks concerned, nothing is decided that its drives could change."
 )
 
 
@@ -27,17 +35,30 @@ class Verdict(StrEnum):
     UNDECIDED = "undecided"
 
 
+Why = Literal["", "not driven", "no room"]
+"""Why a claim is undecided, if not for the width of an interval."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """A verdict, and the numbers that it rests on, in inline Markdown."""
 
     verdict: Verdict
     evidence: str
-    driven: bool = True
+    why: Why = ""
 
 
-NOT_DRIVEN = Finding(Verdict.UNDECIDED, "not driven", driven=False)
+NOT_DRIVEN = Finding(Verdict.UNDECIDED, "not driven", "not driven")
 Rule = Callable[[Evidence, Scope], Finding]
+
+
+def without(evidence: Evidence, scope: Scope, methods: Sequence[str]) -> Finding:
+    """Return the finding where methods have not driven: told apart is what nobody was to train."""
+    asked = [name for name in methods if evidence.is_asked(scope, name)]
+    said = [f"{' and '.join(asked)} not driven"] if asked else []
+    if other := [name for name in methods if name not in asked]:
+        said.append(f"{' and '.join(other)} not trained at this budget")
+    return Finding(Verdict.UNDECIDED, "; ".join(said), "not driven")
 
 
 def of_difference(difference: Difference, margin: float = MARGIN) -> Verdict:
@@ -51,25 +72,46 @@ def weakest(findings: Sequence[Finding]) -> Finding:
     """Return what holds of all: upheld if all are, not upheld if any is not."""
     verdicts = [each.verdict for each in findings]
     found = next((v for v in (Verdict.NOT_UPHELD, Verdict.UNDECIDED) if v in verdicts), Verdict.UPHELD)
+    whys = {each.why for each in findings if each.verdict == found}
     said = ". ".join(dict.fromkeys(each.evidence for each in findings))
-    return Finding(found, said, any(each.driven for each in findings))
+    return Finding(found, said, next((why for why in ("not driven", "", "no room") if why in whys), ""))
 
 
 def more(
     a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool] = succeeded, word: str = "success"
 ) -> Rule:
-    """Return the rule that drives of method `a` are oftener so than those of `b`."""
+    """Return the rule that drives of method `a` are oftener so than those of `b`: what `a` has helps."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         compared = evidence.compare(scope, a, b, places, what)
         if compared is None:
-            missing = [name for name in (a, b) if not evidence.pool(scope, name, places)]
-            return Finding(Verdict.UNDECIDED, f"{' and '.join(missing)} not driven", driven=False)
-        at, said = compared
-        points = f"{100 * at.value:+.0f} points, {100 * at.low:+.0f} to {100 * at.high:+.0f}"
-        return Finding(of_difference(at), f"{word}: {said}; {points}")
+            return without(evidence, scope, [name for name in (a, b) if not evidence.pool(scope, name, places)])
+        finding = Finding(of_difference(compared.difference), f"{word}: {compared.words}; {compared.difference}")
+        return _with_room(finding, compared.difference, 1.0 - compared.shares[1])
 
     return rule
+
+
+def fewer(a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool], word: str) -> Rule:
+    """Return the rule that drives of method `a` are less often so than those of `b`: what `a` has helps."""
+    opposite = more(b, a, places, what, word)
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        compared = evidence.compare(scope, b, a, places, what)
+        finding = opposite(evidence, scope)
+        if compared is None:
+            return finding
+        finding = Finding(of_difference(compared.difference), finding.evidence)
+        return _with_room(finding, compared.difference, compared.shares[0])
+
+    return rule
+
+
+def _with_room(finding: Finding, difference: Difference, room: float) -> Finding:
+    """Return a finding on how much better something is than a method that leaves so much room for it."""
+    if finding.verdict == Verdict.UPHELD or difference.high < 0.0 or room > MARGIN:
+        return finding
+    return Finding(Verdict.UNDECIDED, finding.evidence, "no room")
 
 
 def every(*rules: Rule) -> Rule:
@@ -77,81 +119,125 @@ def every(*rules: Rule) -> Rule:
     return lambda evidence, scope: weakest([rule(evidence, scope) for rule in rules])
 
 
-def often_fails(method: str, places: Sequence[str]) -> Rule:
-    """Return the rule that a method often ends without success in some worlds."""
+def often(method: str, places: Sequence[str], what: Callable[[Drive], bool], word: str) -> Rule:
+    """Return the rule that a method's drives in some worlds are often so."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         pool = evidence.pool(scope, method, places)
         if not pool:
-            return NOT_DRIVEN
-        failures = rate(pool, lambda drive: not drive.success)
-        low, high = failures.interval
+            return without(evidence, scope, [method])
+        at = rate(pool, what)
+        low, high = at.interval
         verdict = Verdict.UPHELD if low > OFTEN else Verdict.NOT_UPHELD if high < OFTEN else Verdict.UNDECIDED
         each = ", ".join(f"{place} {rate(evidence.shown(scope, method, place)).share:.0%}" for place in places)
-        return Finding(verdict, f"{method} fails in {failures}; success by track: {each}")
+        return Finding(verdict, f"{method} {word} in {at}; success by track: {each}")
+
+    return rule
+
+
+def often_fails(method: str, places: Sequence[str]) -> Rule:
+    """Return the rule that a method often ends without success in some worlds."""
+    return often(method, places, lambda drive: not drive.success, "does not leave")
+
+
+def mostly_leaves(method: str, places: Sequence[str]) -> Rule:
+    """Return the rule that a method leaves each of some worlds more often than not."""
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        if not evidence.pool(scope, method, places):
+            return without(evidence, scope, [method])
+        findings = []
+        for place in places:
+            at = rate(evidence.shown(scope, method, place))
+            low, high = at.interval
+            verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
+            findings.append(Finding(verdict, f"{place} {at}"))
+        return weakest(findings)
 
     return rule
 
 
 def leads(method: str, rivals: Sequence[str], places: Sequence[str], needed: Sequence[str] = ()) -> Rule:
-    """Return the rule that a method's success is the highest in most worlds.
+    """Return the rule that a method's success is the highest, alone or shared, in most worlds.
 
-    A world is for it where nobody's success is higher, and against it where somebody's is by the paired test, corrected
-    over all pairs of rival and world. At scale only rivals that were driven count, but those `needed` always.
+    It is denied where somebody's is higher in half of them, which no further rival can change; and says nothing where
+    another method can claim the same. At scale only rivals that were driven count, but those `needed` always.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         drives = {(name, at): evidence.shown(scope, name, at) for name in (method, *rivals) for at in places}
-        who = rivals
+        who = list(rivals)
         if scope == "scale":  # what nobody trained at that budget is no gap
             who = [name for name in rivals if name in needed or any(drives[name, at] for at in places)]
-        pairs = [(name, at) for name in who for at in places if drives[name, at] and drives[method, at]]
-        if not pairs:
-            return NOT_DRIVEN
-        tests = {pair: paired_test(*(_by_start(drives[name, pair[1]]) for name in (pair[0], method))) for pair in pairs}
-        corrected = dict(zip(pairs, holm([test.p for test in tests.values()]), strict=True))
         driven = [at for at in places if drives[method, at] and any(drives[name, at] for name in who)]
-        first = [at for at in driven if all(_share(drives[name, at]) <= _share(drives[method, at]) for name in who)]
-        shared = [at for at in first if any(_share(drives[name, at]) == _share(drives[method, at]) for name in who)]
-        beaten = [
-            at
-            for at in driven
-            if any(
-                (n, at) in tests and tests[n, at].better > tests[n, at].worse and corrected[n, at] < 0.05 for n in who
-            )
-        ]
-        whole = len(pairs) == len(who) * len(places)
-        verdict = Verdict.UNDECIDED
-        if whole and len(first) > len(places) / 2:
-            verdict = Verdict.UPHELD
-        elif whole and len(beaten) >= len(places) / 2:
-            verdict = Verdict.NOT_UPHELD
-        said = f"among {len(who) + 1} methods highest in {len(first)} of {len(driven)} tracks "
-        said += f"({len(shared)} of these shared), beaten in {len(beaten)}"
+        if not driven:
+            return NOT_DRIVEN
+        best = {at: max(_share(drives[name, at]) for name in (method, *who)) for at in driven}
+        ahead = {n: [at for at in driven if _share(drives[n, at]) == best[at]] for n in (method, *who)}
+        alone = [at for at in ahead[method] if not any(at in ahead[name] for name in who)]
+        lost = [at for at in driven if at not in ahead[method]]
+        alike = [name for name in who if len(ahead[name]) >= len(ahead[method])]
         missing = sorted({name for name in who for at in places if not drives[name, at]})
-        return Finding(verdict, said + (f"; not driven everywhere: {', '.join(missing)}" if missing else ""))
+        said = f"among {len(who) + 1} methods highest in {len(ahead[method])} of {len(driven)} tracks, alone in "
+        said += f"{len(alone)}; surely beaten in {len(_beaten(method, who, driven, drives))} (paired test, Holm)"
+        said += f"; highest as often: {', '.join(alike)}" if alike else ""
+        said += f"; not driven everywhere: {', '.join(missing)}" if missing else ""
+        if 2 * len(lost) >= len(places):
+            return Finding(Verdict.NOT_UPHELD, said)
+        if missing or len(driven) < len(places):
+            return Finding(Verdict.UNDECIDED, said, "not driven")
+        if alike:
+            return Finding(Verdict.UNDECIDED, said, "no room")
+        return Finding(Verdict.UPHELD, said)
 
     return rule
 
 
-def faster(method: str, rivals: Sequence[str], places: Sequence[str]) -> Rule:
-    """Return the rule that a method's successes take less time, on the mean, than each rival's in most worlds."""
+def _beaten(
+    method: str, rivals: Sequence[str], places: Sequence[str], drives: Mapping[tuple[str, str], Sequence[Drive]]
+) -> set[str]:
+    """Return the worlds in which some rival is better by the paired test, corrected over all rivals and worlds."""
+    pairs = [(name, at) for name in rivals for at in places if drives[name, at]]
+    tests = [paired_test(*(_by_start(drives[name, at]) for name in (rival, method))) for rival, at in pairs]
+    corrected = holm([test.p for test in tests])
+    return {
+        at for (_, at), test, p in zip(pairs, tests, corrected, strict=True) if test.better > test.worse and p < LEVEL
+    }
+
+
+def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Sequence[str] = ()) -> Rule:
+    """Return the rule that a method takes less time than each rival in most worlds, from the starts that both leave.
+
+    At scale only rivals that were driven count, but those `needed` always.
+    """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
-        won, compared = 0, 0
+        findings = []
         for name in rivals:
-            for at in places:
-                one, other = (mean_time_s(evidence.shown(scope, each, at)) for each in (method, name))
-                if one is not None and other is not None:
-                    compared += 1
-                    won += one < other
-        if not compared:
+            if not any(evidence.shown(scope, name, at) for at in places):
+                if scope != "scale" or name in needed:
+                    findings.append(without(evidence, scope, [name]))
+                continue
+            gained = [_gained_s(*(evidence.shown(scope, each, at) for each in (method, name))) for at in places]
+            known = [s for s in gained if s is not None]
+            if known:
+                won, lost = sum(s >= STEP_S for s in known), sum(s <= -STEP_S for s in known)
+                verdict = Verdict.UPHELD if won > len(known) / 2 else Verdict.NOT_UPHELD
+                findings.append(
+                    Finding(verdict, f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks")
+                )
+        if not findings:
             return NOT_DRIVEN
-        low, high = Rate(won, compared).interval
-        verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
-        return Finding(verdict, f"faster in {Rate(won, compared)} pairs of rival and track in which both succeed")
+        return weakest(findings)
 
     return rule
+
+
+def _gained_s(one: Sequence[Drive], other: Sequence[Drive]) -> float | None:
+    """Return by how much the one is faster, on the mean of the starts that both leave; None where there is none."""
+    times = [{drive.start: drive.duration_s for drive in drives if drive.success} for drives in (one, other)]
+    both = times[0].keys() & times[1].keys()
+    return float(np.mean([times[1][at] - times[0][at] for at in sorted(both, key=str)])) if both else None
 
 
 def mean_time_s(drives: Sequence[Drive]) -> float | None:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from zebrat_bullet.report.comparison.claims import CLAIMS, HARDER
 from zebrat_bullet.report.comparison.document import Cell, Grid, Kind, Section, Text
 from zebrat_bullet.report.comparison.evidence import Evidence
-from zebrat_bullet.report.comparison.rules import RULE, Finding, Verdict
+from zebrat_bullet.report.comparison.rules import RULE, Finding, Verdict, Why
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS
 
 _KINDS: dict[Verdict, Kind] = {Verdict.UPHELD: "good", Verdict.NOT_UPHELD: "bad", Verdict.UNDECIDED: "open"}
+_WHY: dict[Why, str] = {"not driven": "not driven", "no room": "where there is no room for a difference"}
 TITLE = "Claims of the paper"
 
 
@@ -26,10 +27,13 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
         "How each claim is decided",
         (
             Text(
-                f"{RULE}\n\nDifferences of rates are over episodes with Newcombe's interval; at scale, where at least "
-                f"{ENOUGH_SEEDS} seeds of both sets were judged, they are of interquartile means over seeds, with "
-                "bootstrap intervals. The rules are code and see the tables only; verdicts change when the tables do. "
-                "Place names are those of the paper's sections and figures."
+                f"{RULE}\n\nWhere at least {ENOUGH_SEEDS} seeds of both sets were judged, a difference is of their "
+                "means over seeds, with Welch's t-interval (Colas et al. 2019: with so few seeds a bootstrap is too "
+                "sure). Else it is between one policy of each, over episodes, with Newcombe's interval: it speaks of "
+                "these two policies in these tracks, not of what another seed would have learned, and starts of one "
+                "track resemble each other, so that it is on the narrow side. Verdicts are not corrected for being "
+                "many. The rules are code and see the tables only; verdicts change when the tables do. Sections and "
+                "figures are numbered as in the version on arXiv."
             ),
             Grid(("claim", "what is compared"), rules, wordy=True),
         ),
@@ -54,11 +58,15 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
 
 
 def _cells(finding: Finding) -> tuple[Cell, str]:
-    if not finding.driven:
-        return Cell("undecided", "missing"), finding.evidence
+    if finding.why:
+        kind: Kind = "missing" if finding.why == "not driven" else "open"
+        return Cell(f"undecided: {finding.why}", kind), finding.evidence
     return Cell(str(finding.verdict), _KINDS[finding.verdict]), finding.evidence
 
 
 def _sum(findings: Sequence[Finding]) -> str:
     counts = Counter(finding.verdict for finding in findings)
-    return f"of {len(findings)} claims " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+    whys = Counter[Why](finding.why for finding in findings)
+    reasons = ", ".join(f"{whys[why]} {said}" for why, said in _WHY.items() if whys[why])
+    said = f"of {len(findings)} claims " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+    return said + (f" ({reasons})" if reasons else "")

@@ -1,6 +1,7 @@
 """What was run, at which budget, and what is missing."""
 
-from collections import defaultdict
+from collections import Counter
+from dataclasses import dataclass
 from typing import Any
 
 from zebrat_bullet.report.comparison.document import Cell, Grid, Kind, Row, Section, Text
@@ -9,7 +10,7 @@ from zebrat_bullet.report.comparison.settings import Asked
 
 STUDIES = {
     "paper": "the paper's budget",
-    "scale": "ours",
+    "scale": "at scale",
     "paper-at-scale": "the paper's algorithms, longer",
     "finetuning": "fine-tuning",
     "rivals": "planners and imitators",
@@ -17,30 +18,64 @@ STUDIES = {
 _MOST_NAMED = 6
 
 
-def run_section(evidence: Evidence, asked: dict[tuple[str, str, str, str, str], Asked]) -> Section:
-    """Return the section."""
+def run_section(
+    evidence: Evidence, asked: dict[tuple[str, str, str, str, str], Asked], runs: dict[tuple[str, ...], int]
+) -> Section:
+    """Return the section.
+
+    Args:
+        evidence: what was done.
+        asked: what was to be judged, as `asked_for` returns it.
+        runs: what was to be trained, as `asked_runs` returns it.
+    """
+    trained = _trained(evidence, runs)
     return Section(
         "What was run",
-        (Text(_sum(evidence, asked)),),
+        (Text(_sum(evidence, asked, trained)),),
         (
-            Section("Every training", (_trainings(evidence),), folded=True),
+            Section("Every training", (_trainings(trained),), folded=True),
             Section("Every judgement", (_judgements(asked),), folded=True),
         ),
     )
 
 
-def _sum(evidence: Evidence, asked: dict[tuple[str, str, str, str, str], Asked]) -> str:
+@dataclass(frozen=True, slots=True)
+class _Trained:
+    """Runs of one set, and how many there were to be."""
+
+    runs: list[dict[str, Any]]
+    n_asked: int
+
+    def count(self, state: str) -> int:
+        return sum(run["state"] == state for run in self.runs)
+
+
+def _trained(evidence: Evidence, asked: dict[tuple[str, ...], int]) -> dict[tuple[str, ...], _Trained]:
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {key: [] for key in asked}
+    for run in evidence.runs:
+        key = run["study"], run["algorithm"], run["reward"], run["variant"] or "", run["asked"] or ""
+        groups.setdefault(key, []).append(run)
+    at = {key: _Trained(runs, max(asked.get(key, 0), len(runs))) for key, runs in groups.items()}
+    return dict(sorted(at.items(), key=lambda item: _order(item[0])))
+
+
+def _sum(
+    evidence: Evidence,
+    asked: dict[tuple[str, str, str, str, str], Asked],
+    trained: dict[tuple[str, ...], _Trained],
+) -> str:
     said = (
-        "A run is the training of one seed; a cell is one policy or planner in one place, a world or a held-out set. "
-        "What is missing is marked in the tables, never filled in."
+        "Of the largest budget. A run is the training of one seed; a cell is one policy or planner in one place, a "
+        "world or a held-out set. What is missing is marked in the tables, never filled in."
     )
     lines = []
     for study, title in STUDIES.items():
-        states = [run["state"] for run in evidence.runs if run["study"] == study]
+        of_study = [each for key, each in trained.items() if key[0] == study]
         at = [each for key, each in asked.items() if key[0] == study]
         n, n_missing = sum(len(each.cells) for each in at), sum(len(each.missing) for each in at)
-        runs = f"{states.count('complete')} of {len(states)} runs complete, {states.count('partial')} begun; "
-        lines.append(f"- **{title}**: {runs if states else ''}{n - n_missing} of {n} cells driven")
+        complete, begun = (sum(each.count(state) for each in of_study) for state in ("complete", "partial"))
+        runs = f"{complete} of {sum(each.n_asked for each in of_study)} runs complete, {begun} begun; "
+        lines.append(f"- **{title}**: {runs if of_study else ''}{n - n_missing} of {n} cells driven")
     hours = sum(run["wall_s"] or 0.0 for run in evidence.runs) / 3600.0
     n_held_out = sum(row["n"] for row in evidence.held_out)
     counted = (
@@ -49,18 +84,15 @@ def _sum(evidence: Evidence, asked: dict[tuple[str, str, str, str, str], Asked])
     return "\n".join([said, "", *lines, "", counted])
 
 
-def _trainings(evidence: Evidence) -> Grid:
-    groups: dict[tuple[str, ...], list[dict[str, Any]]] = defaultdict(list)
-    for run in evidence.runs:
-        groups[run["study"], run["algorithm"], run["reward"], run["variant"] or "", run["asked"] or ""].append(run)
+def _trainings(trained: dict[tuple[str, ...], _Trained]) -> Grid:
     rows: list[Row] = []
-    for (study, algorithm, reward, variant, asked), runs in sorted(groups.items(), key=lambda item: _order(item[0])):
-        done = [run for run in runs if run["state"] == "complete"]
-        begun = [run for run in runs if run["state"] == "partial"]
-        kind: Kind = "good" if len(done) == len(runs) else "open" if done or begun else "missing"
-        said = f"{len(done)} of {len(runs)}" + (f", {len(begun)} begun" if begun else "")
+    for (study, algorithm, reward, variant, asked), at in trained.items():
+        done, begun = at.count("complete"), at.count("partial")
+        kind: Kind = "good" if done == at.n_asked else "open" if done or begun else "missing"
+        said = f"{done} of {at.n_asked}" + (f", {begun} begun" if begun else "")
         name = f"{algorithm} {reward.upper()}{f', {variant}' if variant else ''}"
-        numbers = (_span(runs, "episodes"), _span(runs, "steps"), f"{sum(r['wall_s'] or 0.0 for r in runs) / 3600:.1f}")
+        hours = f"{sum(run['wall_s'] or 0.0 for run in at.runs) / 3600:.1f}"
+        numbers = (_span(at.runs, "episodes"), _span(at.runs, "steps"), hours)
         cells = (Cell(said, kind), *(Cell(text, "number") for text in numbers))
         rows.append((STUDIES.get(study, study), name, asked, *cells))
     head = ("budget", "set", "asked for", "seeds complete", "episodes of a run", "steps of a run", "hours, all runs")
@@ -81,16 +113,23 @@ def _span(runs: list[dict[str, Any]], column: str) -> str:
 
 def _judgements(asked: dict[tuple[str, str, str, str, str], Asked]) -> Grid:
     rows: list[Row] = []
+    absent = Counter[tuple[str, str, str]]()
     for (study, method, setting, noise, sim), at in sorted(asked.items(), key=lambda item: _order(item[0])):
         n, n_missing = len(at.cells), len(at.missing)
-        kind: Kind = "good" if not n_missing else "missing" if n_missing == n else "open"
-        places = list(dict.fromkeys(cell.place for cell in at.missing))
-        named = ", ".join(places[:_MOST_NAMED]) + (
-            f" and {len(places) - _MOST_NAMED} more" if len(places) > _MOST_NAMED else ""
-        )
-        words = ", ".join(filter(None, (setting, noise)))
-        rows.append(
-            (STUDIES.get(study, study), method, words or "-", sim, Cell(f"{n - n_missing} of {n}", kind), named or "-")
-        )
+        words = ", ".join(filter(None, (setting, noise))) or "-"
+        if n == n_missing:
+            absent[study, method, sim] += n
+            continue
+        kind: Kind = "open" if n_missing else "good"
+        rows.append((STUDIES.get(study, study), method, words, sim, Cell(f"{n - n_missing} of {n}", kind), _named(at)))
+    for (study, method, sim), n in absent.items():
+        rows.append((STUDIES.get(study, study), method, "all others", sim, Cell(f"0 of {n}", "missing"), "all"))
     head = ("budget", "method", "setting", "simulator", "cells driven", "not driven")
     return Grid(head, tuple(rows))
+
+
+def _named(at: Asked) -> str:
+    """Return where cells are missing, in words."""
+    places = list(dict.fromkeys(cell.place for cell in at.missing))
+    more = f" and {len(places) - _MOST_NAMED} more" if len(places) > _MOST_NAMED else ""
+    return ", ".join(places[:_MOST_NAMED]) + more or "-"

@@ -20,6 +20,17 @@ class Asked:
     missing: tuple[Cell, ...]
 
 
+def asked_runs(manifest: Manifest) -> dict[tuple[str, ...], int]:
+    """Return how many seeds of each set the largest budget trains: by study, algorithm, reward, variant and length."""
+    seeds = max((len(budget.seeds) for budget in manifest.budgets.values()), default=0)
+    return {
+        (training.study, algo, reward, training.variant, training.asked): seeds
+        for training in manifest.trainings.values()
+        for algo in training.algos
+        for reward in training.rewards
+    }
+
+
 def asked_for(manifest: Manifest, evidence: Evidence) -> dict[tuple[str, str, str, str, str], Asked]:
     """Return what was to be driven, by study, method, setting, noise and simulator."""
     keys = ("study", "method", "setting", "noise", "sim", "place")
