@@ -18,7 +18,7 @@ from zebrat_bullet.cli.main import main
 from zebrat_bullet.comparison.estimate import forecast
 from zebrat_bullet.comparison.gather import gather
 from zebrat_bullet.comparison.manifest import SHIPPED, cells, read_manifest
-from zebrat_bullet.comparison.policies import Place
+from zebrat_bullet.comparison.policies import Place, best_policy
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
@@ -261,6 +261,22 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     (held_out,) = (step for step in steps(place(tiny)) if step.name.startswith("judge held-out"))
     shipped = hashlib.sha256((ROOT / "zebrat_bullet" / "policies" / "shipped.safetensors").read_bytes()).hexdigest()
     assert isinstance(held_out, Judge) and held_out.made_by()["sha256"] == shipped  # of one that is named, too
+
+
+def test_a_run_that_is_not_finished_has_no_policy_to_be_judged(tiny: Path):
+    here = place(tiny)
+    (run,) = here.runs("short")
+    run.mkdir(parents=True)
+    (run / "best.safetensors").write_bytes(b"weights")
+    (run / "evaluations.csv").write_text(
+        "episode,total_steps,wall_s,success,collision,fail,time_s,best\n4,100,1.0,0.5,0.25,0.25,20.0,1\n"
+    )
+    with pytest.raises(ConfigError, match="'short' has no policy of ddpg under ft yet"):
+        best_policy(here, "short", "ddpg", "ft")
+    (run / "summary.json").write_text("{}")
+    assert best_policy(here, "short", "ddpg", "ft") == run / "best.safetensors"
+    (row,) = gather(here)["runs"].to_pylist()
+    assert (row["best_success"], row["best_collision"], row["best_time_s"]) == (0.5, 0.25, 20.0)
 
 
 def test_what_is_kept_in_tables_is_not_driven_again_and_comes_into_the_new_ones_as_it_is(tiny: Path):

@@ -81,37 +81,35 @@ def more(
     a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool] = succeeded, word: str = "success"
 ) -> Rule:
     """Return the rule that drives of method `a` are oftener so than those of `b`: what `a` has helps."""
+    return _more(a, b, places, what, word, lambda of_a, of_b: 1.0 - of_b)
+
+
+def fewer(a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool], word: str) -> Rule:
+    """Return the rule that drives of method `a` are less often so than those of `b`: what `a` has helps."""
+    return _more(b, a, places, what, word, lambda of_b, of_a: of_b)
+
+
+def _more(
+    a: str,
+    b: str,
+    places: Sequence[str],
+    what: Callable[[Drive], bool],
+    word: str,
+    room: Callable[[float, float], float],
+) -> Rule:
+    """Return the rule that drives of method `a` are oftener so; how much room the two shares leave, `room` says."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         compared = evidence.compare(scope, a, b, places, what)
         if compared is None:
             return without(evidence, scope, [name for name in (a, b) if not evidence.pool(scope, name, places)])
-        finding = Finding(of_difference(compared.difference), f"{word}: {compared.words}; {compared.difference}")
-        return _with_room(finding, compared.difference, 1.0 - compared.shares[1])
+        difference = compared.difference
+        verdict, said = of_difference(difference), f"{word}: {compared.words}; {difference}"
+        if verdict != Verdict.UPHELD and difference.high >= 0.0 and room(*compared.shares) <= MARGIN:
+            return Finding(Verdict.UNDECIDED, said, "no room")
+        return Finding(verdict, said)
 
     return rule
-
-
-def fewer(a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool], word: str) -> Rule:
-    """Return the rule that drives of method `a` are less often so than those of `b`: what `a` has helps."""
-    opposite = more(b, a, places, what, word)
-
-    def rule(evidence: Evidence, scope: Scope) -> Finding:
-        compared = evidence.compare(scope, b, a, places, what)
-        finding = opposite(evidence, scope)
-        if compared is None:
-            return finding
-        finding = Finding(of_difference(compared.difference), finding.evidence)
-        return _with_room(finding, compared.difference, compared.shares[0])
-
-    return rule
-
-
-def _with_room(finding: Finding, difference: Difference, room: float) -> Finding:
-    """Return a finding on how much better something is than a method that leaves so much room for it."""
-    if finding.verdict == Verdict.UPHELD or difference.high < 0.0 or room > MARGIN:
-        return finding
-    return Finding(Verdict.UNDECIDED, finding.evidence, "no room")
 
 
 def every(*rules: Rule) -> Rule:

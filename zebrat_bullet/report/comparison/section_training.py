@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from zebrat_bullet.report.comparison.document import Block, Grid, Picture, Section, Text
+from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Picture, Row, Section, Text
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.figures import draw_bands, draw_counts, draw_intervals
 from zebrat_bullet.report.comparison.studies import REPRESENTATIONS, base_cases
@@ -145,7 +145,13 @@ def _reached(evidence: Evidence) -> Section:
         "evaluations, so it flatters all alike."
     )
     drawn = draw_intervals(rows, "success in own evaluations")
-    return Section(title, (Picture("reached", drawn, title, caption),))
+    table: list[Row] = []
+    for name, (middle, low, high, of_name) in rows.items():
+        each = ", ".join(f"{value:.0%}" for value in sorted(of_name, reverse=True))
+        interval = f"{low:.0%} to {high:.0%}" if len(of_name) > 1 else "-"
+        table.append((name, Cell(f"{middle:.0%}", "number"), Cell(interval, "number"), each))
+    head = ("set", "interquartile mean", "95 % interval", "each seed")
+    return Section(title, (Picture("reached", drawn, title, caption), Grid(head, tuple(table))))
 
 
 def _iqm(values: list[float]) -> tuple[float, float, float]:
