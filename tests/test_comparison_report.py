@@ -24,8 +24,11 @@ from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.report.comparison.build import build_report
+from zebrat_bullet.report.comparison.document import Cards
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
+from zebrat_bullet.report.comparison.section_run import run_section
+from zebrat_bullet.report.comparison.settings import asked_runs
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
 
@@ -160,6 +163,32 @@ def test_every_replay_command_drives_what_the_record_says(made, failure, tmp_pat
         said = json.loads(done.stdout)
         assert (said["outcome"], said["duration_s"]) == (failure["outcome"], failure["duration_s"])
         assert Path(said["video"]).stat().st_size > 10_000
+
+
+def test_a_group_of_failures_says_what_drives_the_others_again():
+    near = [
+        row | {"outcome": "stall"}
+        for row in everyone(1)
+        if row["place"] == "track_2" and row["method"] in ("DWA", "IL")
+    ]
+    (card,) = (
+        card
+        for part in atlas_section(Evidence(tables(episodes=near)), read_manifest()).parts
+        for block in part.blocks
+        if isinstance(block, Cards)
+        for card in block.cards
+    )
+    assert card.title.startswith("2 × stall") and "--agent dwa:inflation_radius_m=0.5 --world track_2" in card.command
+    assert "**DWA, radius 0.5**: 1, episodes 0; **IL, 10,049 pairs** (`--agent il --caster embree`): 1" in card.text
+
+
+def test_what_is_trained_is_counted_against_the_largest_budget():
+    asked = asked_runs(read_manifest())
+    assert asked["scale", "ppo", "fmt", "margin", "10 million steps"] == 5
+    made = run_section(Evidence(tables(runs=[run("a"), run("b", state="partial")])), {}, asked)
+    rows = {row[1:3]: row for part in made.parts for block in part.blocks for row in getattr(block, "rows", ())}
+    assert rows["ddpg FOMT", "1000 episodes"][3].text == "1 of 5, 1 begun"
+    assert rows["ppo FMT, margin", "10 million steps"][3].text == "0 of 5"
 
 
 def test_another_ending_or_a_missing_table_is_refused(folder, tmp_path):

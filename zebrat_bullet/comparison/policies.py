@@ -173,13 +173,14 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
 
 
 def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
-    """Return the model that a fine-tuning begins with: that of the best of all seeds which are here.
+    """Return the model that a fine-tuning begins with: that of the best of all seeds which are here and finished.
 
     Raises:
         ConfigError: none is here.
     """
     runs = place.runs(name)
-    here = [run for run, at in runs.items() if (run / MODEL).is_file() and who_of(run, at) == (algo, reward)]
+    here = [run for run, at in runs.items() if (run / MODEL).is_file() and is_finished(run)]
+    here = [run for run in here if who_of(run, runs[run]) == (algo, reward)]
     if not here:
         raise ConfigError(
             f"training {name!r} has no {MODEL} of {algo} under {reward} to begin with: its runs come first (of kept "

@@ -64,7 +64,7 @@ class Claim:
 
 _DETECTED = (
     "more contacts than FIRect and FIFR, in time and within 1 s; at scale: strictly ahead in more than half of the "
-    "settings tried"
+    "margins tried, and of the numbers of rays"
 )
 
 CLAIMS = (
@@ -94,8 +94,8 @@ CLAIMS = (
     Claim(
         "... with a lower time cost",
         "IV-C",
-        f"mean gain on the starts that both leave, each rival and track; more than {STEP_S:g} s, a control step, in "
-        "more than half of the tracks, against every rival",
+        f"mean gain on the starts that both leave, each rival and track; at least {STEP_S:g} s, a control step, in "
+        "more than half of the tracks that both leave, against every rival",
         faster(OURS, _RIVALS, TRACKS, needed=_ABLATIONS),
     ),
     Claim(

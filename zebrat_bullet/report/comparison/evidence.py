@@ -113,7 +113,7 @@ class Evidence:
         runs, learning, collisions: rows, as dictionaries by column.
         drives: episodes in worlds.
         held_out: counts of episodes on held-out sets: study, method, setting, noise, run, sim, place, family,
-            reversals (of the certificate), outcome, backed_up (whether the car reversed), n.
+            reversals (of the certificate), outcome, reversed (whether the car reversed), n.
     """
 
     def __init__(self, tables: Mapping[str, Any]) -> None:
@@ -126,9 +126,9 @@ class Evidence:
         self.drives = [Drive(**row) for row in episodes.filter(in_worlds).select(columns).to_pylist()]
         keys = ["study", "method", "setting", "noise", "run", "sim", "place", "family", "reversals", "outcome"]
         on_tracks = episodes.filter(episodes["family"].is_valid())
-        backed = [(n or 0) > 0 for n in on_tracks["n_reversals"].to_pylist()]
-        keys.append("backed_up")
-        counted = on_tracks.append_column("backed_up", [backed]).group_by(keys).aggregate([([], "count_all")])
+        backwards = [(n or 0) > 0 for n in on_tracks["n_reversals"].to_pylist()]
+        keys.append("reversed")
+        counted = on_tracks.append_column("reversed", [backwards]).group_by(keys).aggregate([([], "count_all")])
         counted = counted.rename_columns([*keys, "n"]).sort_by([(key, "ascending") for key in keys])
         self.held_out: list[dict[str, Any]] = counted.to_pylist()
         self._paths = tables["paths"]

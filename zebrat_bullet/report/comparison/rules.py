@@ -68,6 +68,14 @@ def of_difference(difference: Difference, margin: float = MARGIN) -> Verdict:
     return Verdict.NOT_UPHELD if difference.high < margin else Verdict.UNDECIDED
 
 
+def decide(difference: Difference, room: float, said: str) -> Finding:
+    """Return whether something is more, from the interval of a difference and how great it could have been."""
+    verdict = of_difference(difference)
+    if verdict != Verdict.UPHELD and not difference.high < 0.0 and room <= MARGIN:
+        return Finding(Verdict.UNDECIDED, said, "no room")
+    return Finding(verdict, said)
+
+
 def weakest(findings: Sequence[Finding]) -> Finding:
     """Return what holds of all: upheld if all are, not upheld if any is not."""
     verdicts = [each.verdict for each in findings]
@@ -103,11 +111,8 @@ def _more(
         compared = evidence.compare(scope, a, b, places, what)
         if compared is None:
             return without(evidence, scope, [name for name in (a, b) if not evidence.pool(scope, name, places)])
-        difference = compared.difference
-        verdict, said = of_difference(difference), f"{word}: {compared.words}; {difference}"
-        if verdict != Verdict.UPHELD and difference.high >= 0.0 and room(*compared.shares) <= MARGIN:
-            return Finding(Verdict.UNDECIDED, said, "no room")
-        return Finding(verdict, said)
+        said = f"{word}: {compared.words}; {compared.difference}"
+        return decide(compared.difference, room(*compared.shares), said)
 
     return rule
 
@@ -185,7 +190,8 @@ def leads(method: str, rivals: Sequence[str], places: Sequence[str], needed: Seq
         if missing or len(driven) < len(places):
             return Finding(Verdict.UNDECIDED, said, "not driven")
         if alike:
-            return Finding(Verdict.UNDECIDED, said, "no room")
+            full = all(best[at] >= 1.0 - MARGIN for at in ahead[method])
+            return Finding(Verdict.UNDECIDED, said, "no room" if full else "")
         return Finding(Verdict.UPHELD, said)
 
     return rule
@@ -210,23 +216,22 @@ def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Se
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
+        if not evidence.pool(scope, method, places):
+            return without(evidence, scope, [method])
         findings = []
         for name in rivals:
-            if not any(evidence.shown(scope, name, at) for at in places):
-                if scope != "scale" or name in needed:
-                    findings.append(without(evidence, scope, [name]))
+            if scope == "scale" and name not in needed and not any(evidence.shown(scope, name, at) for at in places):
+                continue
+            if not evidence.pool(scope, name, places):
+                findings.append(without(evidence, scope, [name]))
                 continue
             gained = [_gained_s(*(evidence.shown(scope, each, at) for each in (method, name))) for at in places]
             known = [s for s in gained if s is not None]
-            if known:
-                won, lost = sum(s >= STEP_S for s in known), sum(s <= -STEP_S for s in known)
-                verdict = Verdict.UPHELD if won > len(known) / 2 else Verdict.NOT_UPHELD
-                findings.append(
-                    Finding(verdict, f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks")
-                )
-        if not findings:
-            return NOT_DRIVEN
-        return weakest(findings)
+            won, lost = sum(s >= STEP_S for s in known), sum(s <= -STEP_S for s in known)
+            said = f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks"
+            verdict = Verdict.UPHELD if 2 * won > len(known) else Verdict.NOT_UPHELD
+            findings.append(Finding(verdict if known else Verdict.UNDECIDED, said))
+        return weakest(findings) if findings else NOT_DRIVEN
 
     return rule
 

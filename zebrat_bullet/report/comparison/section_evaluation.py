@@ -11,6 +11,7 @@ from zebrat_bullet.report.comparison.evidence import (
     Drive,
     Evidence,
     Scope,
+    backed_up,
     collided,
     failed,
     rate,
@@ -97,7 +98,7 @@ def _ablation_cells(drives: Sequence[Drive]) -> tuple[Cell, ...]:
     if not drives:
         return (_MISSING,) * 6
     at = rate(drives)
-    backed = rate(drives, lambda drive: drive.success and drive.n_reversals > 0)
+    backed = rate(drives, backed_up)
     features = rate([drive for drive in drives if drive.place in ("track_4", "track_8")])
     shares = (f"{each.share:.0%}" for each in (rate(drives, failed), rate(drives, collided), backed, features))
     return tuple(Cell(text, "number") for text in (str(at.n), _with_interval(drives), *shares))

@@ -138,7 +138,7 @@ def _by_reversals(evidence: Evidence) -> list[Block]:
     plain = {label: {n: v for n, v in of.items() if n != _DEAD_END} for label, of in plain.items()}
     drawn = draw_seed_lines(plain, "reversals of the certificate")
     backing = _grid(
-        *_shares(evidence, _reversals, lambda row: row["backed_up"]),
+        *_shares(evidence, _reversals, lambda row: row["reversed"]),
         "Episodes in which the car reversed at least once, by the reversals of the certificate: under 0 it need not. "
         "Mean over seeds, and in brackets from the least to the greatest.",
     )
@@ -208,12 +208,12 @@ def _longer(evidence: Evidence) -> list[Block]:
     rows: list[Row] = []
     for (algorithm, reward), of_length in sorted(runs.items()):
         for asked in sorted(of_length, key=lambda asked: (lengths[asked], asked)):
-            at = [run["best_success"] for run in of_length[asked] if run["best_success"] is not None]
+            complete = [run for run in of_length[asked] if run["state"] == "complete"]
+            at = [run["best_success"] for run in complete if run["best_success"] is not None]
             judged = [drive for run in of_length[asked] for drive in tracks[run["run"]]]
-            done = sum(run["state"] == "complete" for run in of_length[asked])
             name = f"{algorithm.upper()} {reward.upper()}"
             out = [k / n for run in of_length[asked] for k, n in (held_out[run["run"]],) if n]
-            own = f"{done} of {len(of_length[asked])}", _seeds_cell(at)
+            own = f"{len(complete)} of {len(of_length[asked])}", _seeds_cell(at)
             rows.append((name, asked, *own, _share(judged), _seeds_cell(out)))
     head = ("set", "asked for", "seeds complete", "success in own evaluations", "Tracks 1-8, best seed", "held out")
     caption = (

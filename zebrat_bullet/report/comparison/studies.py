@@ -1,11 +1,12 @@
 """Rules for what is not driven in tracks: the collision study, the training curves, the dilation radius."""
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, rate
-from zebrat_bullet.report.comparison.rules import NOT_DRIVEN, Finding, Rule, Verdict, of_difference, weakest
+from zebrat_bullet.report.comparison.rules import NOT_DRIVEN, Finding, Rule, Verdict, decide, of_difference, weakest
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Rate, rate_difference, seeds_difference
 
 REPRESENTATIONS = {"sr": "SR", "firect": "FIRect", "fifr": "FIFR"}
@@ -56,19 +57,24 @@ def _against(count: int, of_sr: int) -> str:
 
 
 def _ahead_in_settings(evidence: Evidence, walls: str) -> Finding:
-    settings: dict[tuple[Any, ...], dict[str, int]] = defaultdict(dict)
+    """Decide by margins and by numbers of rays apart: how finely either was stepped is no evidence."""
+    panels: dict[str, dict[tuple[Any, ...], dict[str, int]]] = defaultdict(lambda: defaultdict(dict))
     for row in evidence.collisions:
         if row["walls"] == walls and row["panel"] != "base":
-            key = (row["panel"], row["setting"], row["margin_m"])
-            settings[key][row["representation"]] = row["detected"]
-    whole = [counts for counts in settings.values() if set(REPRESENTATIONS) <= set(counts)]
-    if not whole:
+            panels[row["panel"]][row["setting"], row["margin_m"]][row["representation"]] = row["detected"]
+    verdicts, said = set[Verdict](), list[str]()
+    for panel, settings in sorted(panels.items()):
+        whole = [counts for counts in settings.values() if set(REPRESENTATIONS) <= set(counts)]
+        by = [counts["sr"] - max(counts["firect"], counts["fifr"]) for counts in whole]
+        if by:
+            ahead, behind = sum(n > 0 for n in by), sum(n < 0 for n in by)
+            most = Verdict.UPHELD if 2 * ahead > len(by) else Verdict.NOT_UPHELD
+            verdicts.add(most if 2 * max(ahead, behind) > len(by) else Verdict.UNDECIDED)
+            said.append(f"{panel}: ahead in {ahead}, level in {len(by) - ahead - behind}, behind in {behind}")
+    if not said:
         return NOT_DRIVEN
-    by = [counts["sr"] - max(counts["firect"], counts["fifr"]) for counts in whole]
-    ahead, behind = sum(n > 0 for n in by), sum(n < 0 for n in by)
-    verdict = Verdict.UPHELD if 2 * ahead > len(by) else Verdict.NOT_UPHELD if 2 * behind > len(by) else None
-    said = f"in {len(by)} settings of rays and margins ahead in {ahead}, level in {len(by) - ahead - behind}, "
-    return Finding(verdict or Verdict.UNDECIDED, f"{said}behind in {behind}; all on the same contacts")
+    verdict = verdicts.pop() if len(verdicts) == 1 else Verdict.UNDECIDED
+    return Finding(verdict, f"in the settings of each panel of the study, on the same contacts: {'; '.join(said)}")
 
 
 def last_returns(evidence: Evidence, study: str, reward: str, least_steps: int = 0) -> dict[str, list[float]]:
@@ -113,14 +119,20 @@ def highest_return(algorithm: str) -> Rule:
             return Finding(Verdict.UNDECIDED, f"{said}: fewer than {ENOUGH_SEEDS} seeds")
         differences = {name: seeds_difference(found[algorithm], found[name]) for name in rivals}
         verdict = weakest([Finding(of_difference(at, 0.0), "") for at in differences.values()]).verdict
-        apart = ", ".join(f"{n.upper()} {at.low:+.0f} to {at.high:+.0f}" for n, at in differences.items())
+        apart = ", ".join(
+            f"{n.upper()} {at.value:+.0f}" if math.isnan(at.low) else f"{n.upper()} {at.low:+.0f} to {at.high:+.0f}"
+            for n, at in differences.items()
+        )
         return Finding(verdict, f"{said}. {algorithm.upper()} above: {apart}")
 
     return rule
 
 
 def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "success") -> Rule:
-    """Return the rule that episodes of method `a` on held-out sets end so oftener than those of `b`, over runs."""
+    """Return the rule that episodes of method `a` on held-out sets end so oftener than those of `b`, over runs.
+
+    What makes the difference helps: `a` has it if they end in success, else `b`.
+    """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         x, y = (evidence.on_sets(name, families, outcome) for name in (a, b))
@@ -130,31 +142,34 @@ def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "succes
         if min(len(x), len(y)) < ENOUGH_SEEDS:
             return Finding(Verdict.UNDECIDED, f"{outcome}: {said}: fewer than {ENOUGH_SEEDS} seeds")
         at = seeds_difference(x, y)
-        return Finding(of_difference(at), f"{outcome}: {said}; {at}")
+        room = 1.0 - sum(y) / len(y) if outcome == "success" else sum(x) / len(x)
+        return decide(at, room, f"{outcome}: {said}; {at}")
 
     return rule
 
 
-def _radius(drive: Drive, radius: str) -> bool:
-    return f"inflation_radius_m={radius}" in drive.agent
-
-
 def more_at_radius(radius: str, other: str, what: Callable[[Drive], bool], word: str) -> Rule:
-    """Return the rule that drives of map-based planners are oftener so with one dilation radius than with another."""
+    """Return the rule that drives of map-based planners end so, which is bad, oftener with one dilation radius.
+
+    Each setting is compared with itself at the other radius, both planners in all tracks together; decided is what all
+    settings agree on.
+    """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         findings = []
         for setting, has in _planner_settings(evidence, scope).items():
-            small, large = ([drive for drive in has if _radius(drive, r)] for r in (radius, other))
-            if small and large:
-                one, two = rate(small, what), rate(large, what)
+            pair = [[drive for drive in has if f"inflation_radius_m={r}" in drive.agent] for r in (radius, other)]
+            if all(len({(drive.method, drive.place) for drive in of}) == 2 * len(TRACKS) for of in pair):
+                one, two = (rate(of, what) for of in pair)
                 said = f"{word}{f' ({setting})' if setting else ''}: {radius} m {one}; {other} m {two}"
-                findings.append(Finding(of_difference(rate_difference(one, two)), said))
+                findings.append(decide(rate_difference(one, two), one.share, said))
         if not findings:
             return NOT_DRIVEN
-        agreed = {each.verdict for each in findings}
-        verdict = agreed.pop() if len(agreed) == 1 else Verdict.UNDECIDED
-        return Finding(verdict, ". ".join(each.evidence for each in findings))
+        said = ". ".join(each.evidence for each in findings)
+        first = findings[0]
+        if any((each.verdict, each.why) != (first.verdict, first.why) for each in findings):
+            return Finding(Verdict.UNDECIDED, said)
+        return Finding(first.verdict, said, first.why)
 
     return rule
 
