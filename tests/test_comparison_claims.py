@@ -172,6 +172,7 @@ def test_each_fairer_setting_of_a_planner_is_compared_with_itself_at_the_other_r
     assert finding(tuned) == (Verdict.UPHELD, 1)
     assert finding(tuned, live) == (Verdict.UPHELD, 2)
     assert finding(tuned, ("live costmap, ", ALL, HALF)) == (Verdict.UNDECIDED, 2)
+    assert finding(tuned, ("live costmap, ", ALL, ALL)) == (Verdict.UPHELD, 2)  # where nobody collides nothing is said
     part = [row for row in at_radius("0.3", HALF) + at_radius("0.5", ALL) if row["place"] != "track_6"]
     assert claim.rule(Evidence(tables(episodes=part)), "paper").why == "not driven"
 

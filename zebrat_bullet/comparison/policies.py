@@ -169,7 +169,7 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
     if not found:
         which = f"{algo} under {reward}" + ("" if seed is None else f", seed {seed}")
         raise ConfigError(f"training {name!r} has no policy of {which} yet; its runs come first")
-    return max(found, key=lambda one: (one[0], one[1]))[2]
+    return max(sorted(found, key=lambda one: one[1]), key=lambda one: one[0])[2]  # the first of equals
 
 
 def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
@@ -186,7 +186,7 @@ def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
             f"training {name!r} has no {MODEL} of {algo} under {reward} to begin with: its runs come first (of kept "
             "runs there are logs alone: name it under `anew` in the budget)"
         )
-    return max(here, key=lambda run: (best_rank(run), run.name)) / MODEL
+    return max(sorted(here), key=best_rank) / MODEL  # the first of equals
 
 
 def best_rank(run: Path) -> tuple[float, float, float]:

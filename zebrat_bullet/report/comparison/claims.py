@@ -163,7 +163,8 @@ CLAIMS = (
     Claim(
         "Planners collide more at radius 0.3 than at 0.5",
         "IV-B",
-        "more collisions of DWA and TEB together; fairer: each other setting by itself, decided where all agree",
+        "more collisions of DWA and TEB together; fairer: each other setting by itself, decided where all agree that "
+        "leave room for a difference",
         more_at_radius("0.3", "0.5", collided, "collisions"),
     ),
     Claim(

@@ -210,10 +210,12 @@ class Evidence:
                 found[scope, method][_contestant(drive)].append(drive)
 
         def better(key: tuple[str, ...], drives: Sequence[Drive]) -> tuple[Any, ...]:
+            if key[0]:
+                return self._rank(key[0])  # not by the drives that are to be reported
             own = [drive for drive in drives if drive.place in TRACKS]
             times = [drive.duration_s for drive in own if drive.success]
             share = rate(own).share if own else -1.0
-            return self._rank(key[0]), len({drive.place for drive in own}), share, -np.mean(times) if times else -np.inf
+            return len({drive.place for drive in own}), share, -np.mean(times) if times else -np.inf
 
         return {
             who: max(sorted(contestants), key=lambda key: better(key, contestants[key]))  # the first of equals
