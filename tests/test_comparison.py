@@ -22,6 +22,7 @@ from zebrat_bullet.comparison.policies import Place, best_policy
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
@@ -153,9 +154,10 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
     cut = tmp_path / "training" / "paper-smoke" / "ddpg-wg-big_track-seed0"
     with as_folder(ROOT / "docs/results/paper-rewards.zip") as runs:
         shutil.copytree(runs / cut.name, cut)
+    n_kept = len(read_rows(cut / "episodes.csv"))
     (cut / "summary.json").write_text("{}")
     again = {row["run"]: row for row in gather(here)["runs"].to_pylist()}["paper-smoke/ddpg-wg-big_track-seed0"]
-    assert again["state"] == "partial" and again["episodes"] == 200
+    assert again["state"] == "partial" and again["episodes"] == n_kept > 100
     curve = [row for row in tables["learning"].to_pylist() if row["run"] == kept["run"]]
     assert sum(row["best_return"] is not None for row in curve) == 50
     assert tables["collisions"].num_rows > 0 and tables["episodes"].num_rows == 0
