@@ -195,7 +195,7 @@ def test_the_best_run_of_a_set_stands_for_it_and_one_radius_in_all_tracks():
     for place, n in (("track_1", 40), ("track_3", 40), ("big_track", 0)):  # 50 of 80 for 40 of 80
         drives = evidence.shown("paper", "DWA", place)
         assert {drive.setting for drive in drives} == ({"radius 0.5"} if n else set()) and len(drives) == n
-    assert evidence.setting("paper", "DWA") == "radius 0.5"
+    assert evidence.label("paper", "DWA") == "DWA: radius 0.5" and evidence.label("paper", "RL_FOMT") == "RL_FOMT"
 
 
 @pytest.mark.parametrize(

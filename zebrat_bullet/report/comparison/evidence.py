@@ -231,10 +231,10 @@ class Evidence:
         chosen = self._chosen.get((scope, method))
         return [drive for drive in self.drives_of(scope, method, place) if _contestant(drive) == chosen]
 
-    def setting(self, scope: Scope, method: str) -> str:
-        """Return with which setting a method stands for itself; empty where it has none."""
+    def label(self, scope: Scope, method: str) -> str:
+        """Return a method's name, with the setting that stands for it where it has several."""
         _, setting, noise, _ = self._chosen.get((scope, method), ("",) * 4)
-        return ", ".join(filter(None, (setting, noise)))
+        return ": ".join(filter(None, (method, ", ".join(filter(None, (setting, noise))))))
 
     def pool(self, scope: Scope, method: str, places: Iterable[str]) -> list[Drive]:
         """Return what stands for a method in several worlds; empty unless it has driven in each of them."""

@@ -64,7 +64,7 @@ def _medians(evidence: Evidence, scope: Scope, drives: dict[str, list[Drive]], o
             values = _values(what, of_name, oracle)
             low, middle, high = np.percentile(values, (25, 50, 75)) if values else (np.nan,) * 3
             cells.append(Cell(f"{middle:.2f} ({low:.2f}-{high:.2f})" if values else "-", "number"))
-        rows.append((": ".join(filter(None, (name, evidence.setting(scope, name)))), *cells))
+        rows.append((evidence.label(scope, name), *cells))
     return Grid(("method", "successes", *_MEASURES), tuple(rows), "Median, and quartiles in brackets.")
 
 

@@ -115,12 +115,11 @@ def comparison_blocks(evidence: Evidence, scope: Scope, methods: Sequence[str], 
     success: list[Row] = []
     rest: list[Row] = []
     for method in methods:
-        label = ": ".join(filter(None, (method, evidence.setting(scope, method))))
+        label = evidence.label(scope, method)
         success.append((label, *(_success(drives[place][method], marks.get((method, place), "")) for place in WORLDS)))
         rest.append((method, *(_rest(drives[place][method]) for place in WORLDS)))
     head = ("method", *WORLDS)
-    counts = {place: sorted({len(of) for of in drives[place].values() if of}) for place in WORLDS}
-    numbers = sorted({n for of_place in counts.values() for n in of_place})
+    numbers = sorted({len(of) for at in drives.values() for of in at.values() if of})
     note = (
         f"Of {' or '.join(map(str, numbers))} episodes each. "
         f"Success with its 95 % Wilson interval. {BETTER} better, {WORSE} worse than RL_FOMT on the same starts: "
