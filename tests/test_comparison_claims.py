@@ -395,3 +395,30 @@ def test_a_set_that_does_better_on_held_out_tracks_does_so_over_seeds(m_and_t, t
     made = Evidence(tables(runs=runs, episodes=drives))
     assert more_on_sets("RL_FMT", "RL_FT", ("uneven",))(made, "scale").verdict is verdict
     assert more_on_sets("RL_FMT", "RL_FT", ("corners",))(made, "scale").why == "not driven"
+
+
+def test_what_a_dearer_contact_changes_is_counted_beside_the_plain_runs():
+    def judged(variant: str, collisions: list[int]) -> list[dict[str, Any]]:
+        rows = []
+        for seed, n in enumerate(collisions):
+            runs.append(run(f"{variant}ft-{seed}", "ppo", "ft", study="scale", variant=variant, seed=seed))
+            where = {
+                "study": "scale",
+                "sim": "planar",
+                "family": "uneven",
+                "reversals": 0,
+                "run": f"{variant}ft-{seed}",
+            }
+            rows += episodes("RL_FT", "uneven", "c" * n + "s" * (20 - n), **where)
+        return rows
+
+    runs: list[dict[str, Any]] = []
+    drives = [*judged("", [4, 5, 6]), *judged("crash", [1, 1, 1]), *judged("margin", [2, 3])]
+    made = Evidence(tables(runs=runs, episodes=drives))
+    [grid] = {part.title: part for part in scale_section(made).parts}["A dearer contact, and a margin"].blocks
+    plain, crash, margin = ([getattr(cell, "text", cell) for cell in row] for row in grid.rows)
+    assert plain == ["RL_FT", "as it is", "3", "75 % (70-80)", "25 % (20-30)", "-", "-"]
+    assert crash[:5] == ["RL_FT", "a contact costs 400", "3", "95 % (95-95)", "5 % (5-5)"]
+    # By hand: means 25 and 5 %, variances 0.0025 and 0, t(0.975, 2 degrees) = 4.3027, half 4.3027 * 0.05 / sqrt 3.
+    assert crash[5:] == ["+20.0 (+7.6 to +32.4)", "-20.0 (-32.4 to -7.6)"]
+    assert margin[2:] == ["2", "88 % (85-90)", "12 % (10-15)", "too few seeds", "too few seeds"]

@@ -17,6 +17,10 @@ UNSEEN = TRACKS[3:]
 REAL = ("real_1", "real_2", "real_3")
 """Tracks like those of the paper's real-world test (IV-D)."""
 RIGHT_ANGLES = ("track_2", "track_7")
+STRAIGHT_OUT = ("corridors", "corners", "uturns", "curves", "uneven", "bottlenecks", "boxes", "niches")
+"""Held-out sets of tracks that need no reversing."""
+VARIANTS = {"": "", "crash": "a contact costs 400", "margin": "2 cm from a wall count as touched while it learns"}
+"""What sets runs at scale apart from those of the paper's rewards as they are, in words."""
 METHODS = ("DWA", "TEB", "IL", "RL_WG", "RL_FT", "RL_FOT", "RL_FOMT")
 """In the order of the paper's Table II."""
 OURS = "RL_FOMT"
@@ -256,12 +260,12 @@ class Evidence:
     def _of_runs(self, scope: Scope, method: str, places: Sequence[str]) -> list[Drive]:
         return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
-    def on_sets(self, method: str, families: Sequence[str], outcome: str) -> list[float]:
+    def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:
         """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale."""
         counts: dict[str, list[int]] = defaultdict(lambda: [0, 0])
         for row in self.held_out:
             its = (row["study"], row["method"], row["noise"]) == ("scale", method, "") and row["place"] in families
-            if its and row["run"] is not None and not self.variant(row["run"]):
+            if its and row["run"] is not None and self.variant(row["run"]) == variant:
                 at = counts[row["run"]]
                 at[0] += row["n"] if row["outcome"] == outcome else 0
                 at[1] += row["n"]

@@ -129,14 +129,14 @@ def highest_return(algorithm: str) -> Rule:
     return rule
 
 
-def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "success") -> Rule:
+def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "success", variant: str = "") -> Rule:
     """Return the rule that episodes of method `a` on held-out sets end so oftener than those of `b`, over runs.
 
     What makes the difference helps: `a` has it if they end in success, else `b`.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
-        x, y = (evidence.on_sets(name, families, outcome) for name in (a, b))
+        x, y = (evidence.on_sets(name, families, outcome, variant) for name in (a, b))
         if not x or not y:
             return NOT_DRIVEN
         said = "; ".join(f"{n} {sum(v) / len(v):.0%} (mean of {len(v)} runs)" for n, v in ((a, x), (b, y)))
