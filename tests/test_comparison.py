@@ -372,6 +372,19 @@ def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
         assert {"radius 0.3", "radius 0.5"} <= {cell.setting for cell in driven}
 
 
+def test_every_seed_means_kept_ones_that_the_budget_does_not_train_too_but_not_where_it_cuts_them_short():
+    manifest = read_manifest(SHIPPED)
+    seeds = {
+        budget: {
+            (cell.training, cell.seed) for cell in cells(manifest, budget) if cell.training and cell.seed is not None
+        }
+        for budget in ("smoke", "laptop")
+    }
+    kept = {("scale", seed) for seed in manifest.trainings["scale"].kept_seeds}
+    assert len(kept) > len(manifest.budget("laptop").seeds) and kept <= seeds["laptop"]
+    assert seeds["smoke"] == {("paper", 0), ("scale", 0)}
+
+
 @pytest.mark.parametrize("budget", ["smoke", "laptop", "paper"])
 def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_there(budget: str, tmp_path: Path):
     here = Place(manifest=read_manifest(SHIPPED), budget=budget, out=tmp_path, checkout=ROOT)

@@ -1,7 +1,7 @@
 """The manifest of a comparison: which runs and judgements, and what of them each budget does; one YAML file."""
 
 import json
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -77,7 +77,7 @@ class Judgement:
 
     Attributes:
         trainings: names; of each algorithm and reward there the best of its seeds drives, or every one.
-        seeds: "best" by the runs' own noise-free evaluations, or "every".
+        seeds: "best" by the runs' own noise-free evaluations, or "every": the budget's, and kept ones with policies.
         drivers: agents that are not trained here.
         worlds, sets: where; of sets `tracks` tracks, drawn from the seed (none: all).
         sim: "bullet", "mujoco", or for sets "planar".
@@ -116,6 +116,7 @@ class Share:
 
     __pydantic_config__ = _EXACT
 
+    trainings: tuple[str, ...] | None = None
     drivers: tuple[str, ...] | None = None
     worlds: tuple[str, ...] | None = None
     sets: tuple[str, ...] | None = None
@@ -195,6 +196,7 @@ class Manifest:
             for part, share in budget.judgements.items():
                 whole = self.judgements[part]
                 where = f"budgets.{name}.judgements.{part}"
+                _known(f"{where}.trainings", share.trainings or (), whole.trainings)
                 _known(f"{where}.drivers", share.drivers or (), [driver.agent for driver in whole.drivers])
                 _known(f"{where}.worlds", share.worlds or (), whole.worlds)
                 _known(f"{where}.sets", share.sets or (), whole.sets)
@@ -276,7 +278,7 @@ def _cells(
     judgement: Judgement,
     share: Share,
     seeds: tuple[int, ...],
-    trained: Collection[str] | None,
+    trained: Mapping[str, Collection[str]] | None,
 ) -> Iterator[Cell]:
     places = [(world, False) for world in (judgement.worlds if share.worlds is None else share.worlds)]
     places += [(one, True) for one in (judgement.sets if share.sets is None else share.sets)]
@@ -287,13 +289,16 @@ def _cells(
             if share.drivers is None or driver.agent in share.drivers:
                 who = {"method": driver.method, "setting": driver.setting, "study": driver.study}
                 yield Cell(**where, **who, agent=driver.agent)  # type: ignore[arg-type]
-        for training_name in judgement.trainings:
+        for training_name in judgement.trainings if share.trainings is None else share.trainings:
             training = manifest.trainings[training_name]
             if trained is not None and training_name not in trained and not training.policies:
                 continue  # nothing of it can be driven in this budget
+            cut_short = bool(trained and trained.get(training_name))
+            kept = training.kept_seeds if training.policies and not cut_short else ()
+            every = sorted({*seeds, *kept})
             for algo in training.algos:
                 for reward in training.rewards:
                     who = {"method": f"RL_{reward.upper()}", "setting": training.setting(algo), "study": training.study}
                     who |= {"training": training_name, "algorithm": algo, "reward": reward}
-                    for seed in seeds if judgement.seeds == "every" else (None,):
+                    for seed in every if judgement.seeds == "every" else (None,):
                         yield Cell(**where, **who, seed=seed)  # type: ignore[arg-type]
