@@ -6,7 +6,7 @@ import pytest
 from comparison_tables import counts, episodes, run, tables
 
 from zebrat_bullet.report.comparison.claims import CLAIMS
-from zebrat_bullet.report.comparison.evidence import METHODS, REAL, TRACKS, Evidence
+from zebrat_bullet.report.comparison.evidence import METHODS, REAL, STRAIGHT_OUT, TRACKS, Evidence
 from zebrat_bullet.report.comparison.rules import Verdict
 from zebrat_bullet.report.comparison.section_scale import scale_section
 from zebrat_bullet.report.comparison.section_training import learning_bands
@@ -400,21 +400,20 @@ def test_a_set_that_does_better_on_held_out_tracks_does_so_over_seeds(m_and_t, t
 def test_what_a_dearer_contact_changes_is_counted_beside_the_plain_runs():
     def judged(variant: str, collisions: list[int]) -> list[dict[str, Any]]:
         rows = []
+        sets = STRAIGHT_OUT[1:] if variant == "half" else STRAIGHT_OUT
         for seed, n in enumerate(collisions):
-            runs.append(run(f"{variant}ft-{seed}", "ppo", "ft", study="scale", variant=variant, seed=seed))
-            where = {
-                "study": "scale",
-                "sim": "planar",
-                "family": "uneven",
-                "reversals": 0,
-                "run": f"{variant}ft-{seed}",
-            }
-            rows += episodes("RL_FT", "uneven", "c" * n + "s" * (20 - n), **where)
+            name = f"{variant}ft-{seed}"
+            runs.append(run(name, "ppo", "ft", study="scale", variant=variant, seed=seed))
+            where = {"study": "scale", "sim": "planar", "reversals": 0, "run": name}
+            for place in sets:
+                rows += episodes("RL_FT", place, "c" * n + "s" * (20 - n), family=place, **where)
         return rows
 
     runs: list[dict[str, Any]] = []
-    drives = [*judged("", [4, 5, 6]), *judged("crash", [1, 1, 1]), *judged("margin", [2, 3])]
+    drives = [*judged("", [4, 5, 6]), *judged("crash", [1, 1, 1]), *judged("margin", [2, 3]), *judged("half", [9])]
     made = Evidence(tables(runs=runs, episodes=drives))
+    assert made.on_sets("RL_FT", STRAIGHT_OUT, "success", "half") == []  # one set is not driven
+    assert made.on_sets("RL_FT", STRAIGHT_OUT[1:], "success", "half") == [0.55]
     [grid] = {part.title: part for part in scale_section(made).parts}["A dearer contact, and a margin"].blocks
     plain, crash, margin = ([getattr(cell, "text", cell) for cell in row] for row in grid.rows)
     assert plain == ["RL_FT", "as it is", "3", "75 % (70-80)", "25 % (20-30)", "-", "-"]

@@ -261,15 +261,19 @@ class Evidence:
         return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
     def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:
-        """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale."""
-        counts: dict[str, list[int]] = defaultdict(lambda: [0, 0])
+        """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale.
+
+        Only of runs that have driven all of these sets.
+        """
+        counts: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(lambda: [0, 0]))
         for row in self.held_out:
             its = (row["study"], row["method"], row["noise"]) == ("scale", method, "") and row["place"] in families
             if its and row["run"] is not None and self.variant(row["run"]) == variant:
-                at = counts[row["run"]]
+                at = counts[row["run"]][row["place"]]
                 at[0] += row["n"] if row["outcome"] == outcome else 0
                 at[1] += row["n"]
-        return [k / n for _, (k, n) in sorted(counts.items())]
+        whole = [list(counts[run].values()) for run in sorted(counts) if len(counts[run]) == len(families)]
+        return [sum(k for k, _ in of_run) / sum(n for _, n in of_run) for of_run in whole]
 
     def compare(
         self, scope: Scope, a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool]
