@@ -15,9 +15,10 @@ import psutil
 import pytest
 
 from zebrat_bullet.cli.main import main
+from zebrat_bullet.comparison.cells import cells
 from zebrat_bullet.comparison.estimate import forecast
 from zebrat_bullet.comparison.gather import gather
-from zebrat_bullet.comparison.manifest import SHIPPED, cells, read_manifest
+from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
 from zebrat_bullet.comparison.policies import Place, best_policy
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables

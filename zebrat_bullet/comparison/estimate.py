@@ -5,8 +5,8 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from math import ceil
 
+from zebrat_bullet.comparison.cells import cells
 from zebrat_bullet.comparison.gather import reached
-from zebrat_bullet.comparison.manifest import cells
 from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, at_once, driver_kind, track_kind, training_kind
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 from zebrat_bullet.assets import find_asset, list_assets
-from zebrat_bullet.comparison.manifest import Cell, Contacts, Judgement, cells
+from zebrat_bullet.comparison.cells import Cell, cells
+from zebrat_bullet.comparison.manifest import Contacts, Judgement
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
 from zebrat_bullet.comparison.records import digest, read_records
 from zebrat_bullet.errors import ConfigError, ZebratError

@@ -3,7 +3,8 @@
 from collections import defaultdict
 from dataclasses import dataclass
 
-from zebrat_bullet.comparison.manifest import Cell, Manifest, cells
+from zebrat_bullet.comparison.cells import Cell, cells
+from zebrat_bullet.comparison.manifest import Manifest
 from zebrat_bullet.report.comparison.evidence import Drive, Evidence
 
 
