@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from comparison_tables import counts, everyone, run, tables
+from comparison_tables import counts, episodes, everyone, run, tables
 from selenium import webdriver
 
 from zebrat_bullet.agents import load_agent
@@ -27,6 +27,7 @@ from zebrat_bullet.report.comparison.build import build_report
 from zebrat_bullet.report.comparison.document import Cards
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
+from zebrat_bullet.report.comparison.section_evaluation import ablation_section
 from zebrat_bullet.report.comparison.section_run import run_section
 from zebrat_bullet.report.comparison.settings import asked_runs
 from zebrat_bullet.task.drive import Drive
@@ -189,6 +190,17 @@ def test_what_is_trained_is_counted_against_the_largest_budget():
     rows = {row[1:3]: row for part in made.parts for block in part.blocks for row in getattr(block, "rows", ())}
     assert rows["ddpg FOMT", "1000 episodes"][3].text == "1 of 5, 1 begun"
     assert rows["ppo FMT, margin", "10 million steps"][3].text == "0 of 5"
+
+
+def test_every_seed_is_shown_in_each_track_and_one_that_has_not_driven_all_has_no_total():
+    drives = [row | {"run": "a"} for row in everyone(2) if row["method"] == "RL_FOMT" and row["place"] != "track_8"]
+    drives += [row | {"run": "a"} for row in episodes("RL_FOMT", "track_8", "sc", n_reversals=1)]
+    drives += [row | {"run": "b"} for row in episodes("RL_FOMT", "track_1", "ccs")]
+    runs = [run("a"), run("b", seed=1)]
+    (part,) = ablation_section(Evidence(tables(runs=runs, episodes=drives))).parts
+    rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in part.blocks[0].rows]
+    assert rows[0] == ("RL_FOMT", "0", "not driven", *["100"] * 7, "50", "6%", "12%")
+    assert rows[1] == ("RL_FOMT", "1", "not driven", "33", *["not driven"] * 9)
 
 
 def test_another_ending_or_a_missing_table_is_refused(folder, tmp_path):

@@ -86,9 +86,14 @@ def failed(drive: Drive) -> bool:
     return drive.outcome not in ("success", "collision")
 
 
+def reversed_once(drive: Drive) -> bool:
+    """Return whether the car reversed at least once."""
+    return drive.n_reversals > 0
+
+
 def backed_up(drive: Drive) -> bool:
     """Return whether the car reversed at least once, and left."""
-    return drive.success and drive.n_reversals > 0
+    return drive.success and reversed_once(drive)
 
 
 def rate(drives: Sequence[Drive], what: Callable[[Drive], bool] = succeeded) -> Rate:
@@ -261,10 +266,7 @@ class Evidence:
         return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
     def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:
-        """Return the share of a method's episodes on held-out tracks that ended so, one value a run at scale.
-
-        Only of runs that have driven all of these sets.
-        """
+        """Return the share of a method's episodes on held-out sets that ended so, one value a run that drove them all."""
         counts: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(lambda: [0, 0]))
         for row in self.held_out:
             its = (row["study"], row["method"], row["noise"]) == ("scale", method, "") and row["place"] in families
