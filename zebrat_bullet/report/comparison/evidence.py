@@ -266,7 +266,7 @@ class Evidence:
         return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
     def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:
-        """Return what share of its episodes on held-out sets that ended so, one value a run that drove them all."""
+        """Return the share of its episodes on held-out sets that ended so, one value a run that drove them all."""
         counts: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(lambda: [0, 0]))
         for row in self.held_out:
             its = (row["study"], row["method"], row["noise"]) == ("scale", method, "") and row["place"] in families
