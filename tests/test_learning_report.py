@@ -159,7 +159,9 @@ def test_settings_that_differ_name_the_group_and_those_that_change_nothing_do_no
 def test_groups_that_differ_much_and_share_their_names_are_named_by_where_they_lie():
     names = ("algorithms.zip", "float32.zip", "paper-finetuning.zip")
     groups = [group for group in read_groups([RESULTS / name for name in names]) if group.algo == "ddpg"]
-    assert sorted(group.variant for group in groups) == [f"{name}/ddpg-fomt-big_track-seed0" for name in names]
+    where = [f"{name}/ddpg-fomt-big_track-seed0" for name in names]
+    # Seeds 3 and 4 of the algorithms are runs of an older version, whose settings had other names.
+    assert sorted(group.variant for group in groups) == sorted([*where, f"{names[0]}/ddpg-fomt-big_track-seed3"])
 
 
 def test_a_reward_is_named_by_its_preset_or_by_its_weights():

@@ -28,8 +28,8 @@ class WatchdogConfig:
         patience: evaluations in a row that must show a collapse before it is confirmed: single ones are bad luck, good
             runs lose and regain 15 % of success from one to the next.
         min_share: nothing is confirmed before this share of the run, findings are listed all the same. The runs of the
-            paper's preset that learned had 25 % success after 30 and 45 % of the episodes; the first of these lost it
-            from 55 to 75 %, standing still, and got it back.
+            paper's preset had 25 % success after 30 to 50 % of the episodes; one lost it from 55 to 75 %, standing
+            still, and got it back.
         most: share of an evaluation's episodes that must show a behaviour: 3 of 4 in the paper's preset.
         critic_change: a critic is frozen if its values move by less than this share of their size between evaluations.
             DDPG that learns: 0.15 to 0.96 in 500 updates; with learning rates of 1e-12: 2e-8.
@@ -92,8 +92,8 @@ def crashing_at_once(record: EpisodeRecord, config: WatchdogConfig) -> str | Non
 def standing_still(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
     """Return what shows that the car stood until cut off, from the start or later, and if that pays more than a crash.
 
-    Two of five runs of the paper's preset ended so: they drove on to a bend that they could not take and waited before
-    it (`docs/results/algorithms`).
+    One of five runs of the paper's preset ended so: it drove on to a bend that it could not take and waited before it
+    (DDPG's seed 1 in `docs/results/algorithms.zip`).
     """
     task = _task(record)
     n_last = min(task.episode.stall_steps, len(record.reward))

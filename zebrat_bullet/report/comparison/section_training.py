@@ -50,7 +50,7 @@ def curve_section(evidence: Evidence) -> Section:
         "episodes, and says that DDPG gets the highest. Its numbers are only in a picture. **Ours**, the same curve: "
         "line mean, dark band standard deviation, light band least to greatest over the seeds that came to their "
         "end (of a set without one, over those begun). The paper puts 1,000 episodes at 300,000 to 1,000,000 steps, "
-        "the more the better a car drives; ours are 20,000 to 370,000 (*Every training*): the episodes end sooner. A "
+        "the more the better a car drives; ours are 20,000 to 350,000 (*Every training*): the episodes end sooner. A "
         "return is not success: under F O M T a car that crashes late is paid more than one that leaves early "
         "(docs/staying.md)."
     )
