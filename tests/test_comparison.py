@@ -383,9 +383,8 @@ def test_every_seed_means_kept_ones_that_the_budget_does_not_train_too_but_not_w
     }
     kept = {("scale", seed) for seed in manifest.trainings["scale"].kept_seeds}
     assert len(kept) > len(manifest.budget("laptop").seeds) and kept <= seeds["laptop"]
-    fomt = {
-        ("paper-fomt", seed) for seed in manifest.trainings["paper-fomt"].kept_seeds
-    }  # not cut short, for not trained
+    # Smoke does not train paper-fomt, and so does not cut it short.
+    fomt = {("paper-fomt", seed) for seed in manifest.trainings["paper-fomt"].kept_seeds}
     assert seeds["smoke"] == {("paper", 0), ("scale", 0)} | fomt
 
 

@@ -14,8 +14,7 @@ from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Difference,
 
 TRACKS = tuple(f"track_{i}" for i in range(1, 9))
 UNSEEN = TRACKS[3:]
-REAL = ("real_1", "real_2", "real_3")
-"""Tracks like those of the paper's real-world test (IV-D)."""
+REAL = ("real_1", "real_2", "real_3")  # like those of the paper's real-world test (IV-D)
 RIGHT_ANGLES = ("track_2", "track_7")
 STRAIGHT_OUT = ("corridors", "corners", "uturns", "curves", "uneven", "bottlenecks", "boxes", "niches")
 """Held-out sets of tracks that need no reversing."""
@@ -254,15 +253,17 @@ class Evidence:
         self, scope: Scope, method: str, places: Sequence[str], what: Callable[[Drive], bool] = succeeded
     ) -> list[float]:
         """Return the share of a method's drives that are so, one value a run that has driven in all of these worlds."""
-        of_run: dict[str, dict[str, list[Drive]]] = defaultdict(lambda: defaultdict(list))
-        for place in places:
-            for drive in self.drives_of(scope, method, place):
-                if drive.run is not None:
-                    of_run[drive.run][place].append(drive)
-        whole = [of_run[run] for run in sorted(of_run) if len(of_run[run]) == len(places)]
+        whole = [at for at in self.by_run(scope, method, places).values() if len(at) == len(places)]
         return [sum(rate(drives, what).share for drives in at.values()) / len(places) for at in whole]
 
-    def _of_runs(self, scope: Scope, method: str, places: Sequence[str]) -> list[Drive]:
+    def by_run(self, scope: Scope, method: str, places: Iterable[str]) -> dict[str, dict[str, list[Drive]]]:
+        """Return a method's drives by run, then by world, of those that the run has driven."""
+        found: dict[str, dict[str, list[Drive]]] = defaultdict(lambda: defaultdict(list))
+        for drive in self._of_runs(scope, method, places):
+            found[drive.run or ""][drive.place].append(drive)
+        return {run: dict(at) for run, at in sorted(found.items())}
+
+    def _of_runs(self, scope: Scope, method: str, places: Iterable[str]) -> list[Drive]:
         return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
     def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:

@@ -1,7 +1,6 @@
 """Success, fails and collisions by method and track, the ablation of O and M, and the paired tests."""
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Kind, Picture, Row, Section, Text
 from zebrat_bullet.report.comparison.evidence import (
@@ -99,15 +98,11 @@ def ablation_section(evidence: Evidence) -> Section:
 
 def _every_seed(evidence: Evidence) -> tuple[Section, ...]:
     """Return what each run at the paper's budget does in each track: how much a seed decides; empty without runs."""
-    rows: list[Row] = []
-    for method in METHODS:
-        runs: dict[str, list[Drive]] = defaultdict(list)
-        for place in WORLDS:
-            for drive in evidence.drives_of("paper", method, place):
-                runs[drive.run or ""].append(drive)
-        for run, drives in sorted(runs.items()):
-            if run:
-                rows.append((method, str(evidence.seed(run)), *_seed_cells(drives)))
+    rows: list[Row] = [
+        (method, str(evidence.seed(run)), *_seed_cells(places))
+        for method in METHODS
+        for run, places in evidence.by_run("paper", method, WORLDS).items()
+    ]
     if not rows:
         return ()
     said = (
@@ -118,12 +113,11 @@ def _every_seed(evidence: Evidence) -> tuple[Section, ...]:
     return (Section("Every seed at the paper's budget", (Grid(head, tuple(rows), said),)),)
 
 
-def _seed_cells(drives: Sequence[Drive]) -> tuple[Cell, ...]:
-    at = {place: [drive for drive in drives if drive.place == place] for place in WORLDS}
-    cells = [Cell(f"{100 * rate(of).share:.0f}", "number") if of else _MISSING for of in at.values()]
-    pooled = [drive for place in TRACKS for drive in at[place]]
-    if not all(at[place] for place in TRACKS):
+def _seed_cells(at: Mapping[str, Sequence[Drive]]) -> tuple[Cell, ...]:
+    cells = [Cell(f"{100 * rate(at[place]).share:.0f}", "number") if place in at else _MISSING for place in WORLDS]
+    if not all(place in at for place in TRACKS):
         return (*cells, _MISSING, _MISSING)
+    pooled = [drive for place in TRACKS for drive in at[place]]
     return (*cells, *(Cell(f"{rate(pooled, what).share:.0%}", "number") for what in (collided, reversed_once)))
 
 
