@@ -329,6 +329,26 @@ def test_at_scale_sets_are_compared_over_seeds_and_variants_are_left_out():
     assert found.evidence.endswith("+90 points, +65 to +115")
 
 
+@pytest.mark.parametrize(
+    ("left", "verdict", "said"),
+    [
+        # 90 % of one seed, the best, and 5 and 10 % of two: 65 % fail, t of 2 degrees of freedom is 4.303, s 0.48.
+        ((36, 2, 4), Verdict.UNDECIDED, "does not leave in 65% (mean of 3 runs; 0%-100%)"),
+        ((36, 0), Verdict.NOT_UPHELD, "does not leave in 8 of 80 (10%; 5%-19%)"),  # two seeds: the best alone
+        ((0, 2, 4), Verdict.UPHELD, "does not leave in 95% (mean of 3 runs; 83%-100%)"),
+        ((20, 20, 20), Verdict.UPHELD, "does not leave in 50% (mean of 3 runs; 44%-56%)"),  # Wilson's, 120 of 240
+    ],
+)
+def test_who_often_fails_does_so_over_seeds(left: tuple[int, ...], verdict: Verdict, said: str):
+    runs, rows = [], []
+    for seed, n in enumerate(left):
+        runs.append(run(f"wg{seed}", "ddpg", "wg", seed=seed, best_success=n / 40))
+        rows += [row for at in CORNERS for row in episodes("RL_WG", at, "s" * n + "f" * (40 - n), run=f"wg{seed}")]
+    claim = next(claim for claim in CLAIMS if claim.said == "RL_WG hardly masters 90 degrees")
+    found = claim.rule(Evidence(tables(runs=runs, episodes=rows)), "paper")
+    assert found.verdict == verdict and said in found.evidence, found.evidence
+
+
 def test_newcombes_interval_is_that_of_his_paper():
     """Newcombe 1998, Table II, (a) 56/70 and 48/80, method 10: 0.0524 to 0.3339."""
     at = rate_difference(Rate(56, 70), Rate(48, 80))

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Difference, Rate, rate_difference, seeds_difference
+from zebrat_bullet.report.comparison.statistics import Rate
 
 TRACKS = tuple(f"track_{i}" for i in range(1, 9))
 UNSEEN = TRACKS[3:]
@@ -103,15 +103,6 @@ def rate(drives: Sequence[Drive], what: Callable[[Drive], bool] = succeeded) -> 
 def _contestant(drive: Drive) -> tuple[str, ...]:
     """Return what tells who drives from other contestants of the same method: run, setting, noise, agent."""
     return drive.run or "", drive.setting, drive.noise, drive.agent
-
-
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """Two shares, how much greater the first is, and all in words."""
-
-    shares: tuple[float, float]
-    difference: Difference
-    words: str
 
 
 class Evidence:
@@ -249,22 +240,25 @@ class Evidence:
         each = [self.shown(scope, method, place) for place in places]
         return [drive for drives in each for drive in drives] if all(each) else []
 
+    def of_seeds(self, scope: Scope, method: str, places: Sequence[str]) -> list[dict[str, list[Drive]]]:
+        """Return a method's drives by world, one dictionary a run that has driven in all of these worlds."""
+        return [at for at in self.by_run(scope, method, places).values() if len(at) == len(places)]
+
     def seeds(
         self, scope: Scope, method: str, places: Sequence[str], what: Callable[[Drive], bool] = succeeded
     ) -> list[float]:
         """Return the share of a method's drives that are so, one value a run that has driven in all of these worlds."""
-        whole = [at for at in self.by_run(scope, method, places).values() if len(at) == len(places)]
-        return [sum(rate(drives, what).share for drives in at.values()) / len(places) for at in whole]
+        runs = self.of_seeds(scope, method, places)
+        return [sum(rate(drives, what).share for drives in at.values()) / len(places) for at in runs]
 
     def by_run(self, scope: Scope, method: str, places: Iterable[str]) -> dict[str, dict[str, list[Drive]]]:
         """Return a method's drives by run, then by world, of those that the run has driven."""
         found: dict[str, dict[str, list[Drive]]] = defaultdict(lambda: defaultdict(list))
-        for drive in self._of_runs(scope, method, places):
-            found[drive.run or ""][drive.place].append(drive)
+        for place in places:
+            for drive in self.drives_of(scope, method, place):
+                if drive.run is not None:
+                    found[drive.run][place].append(drive)
         return {run: dict(at) for run, at in sorted(found.items())}
-
-    def _of_runs(self, scope: Scope, method: str, places: Iterable[str]) -> list[Drive]:
-        return [drive for place in places for drive in self.drives_of(scope, method, place) if drive.run is not None]
 
     def on_sets(self, method: str, families: Sequence[str], outcome: str, variant: str = "") -> list[float]:
         """Return the share of its episodes on held-out sets that ended so, one value a run that drove them all."""
@@ -277,24 +271,3 @@ class Evidence:
                 at[1] += row["n"]
         whole = [list(counts[run].values()) for run in sorted(counts) if len(counts[run]) == len(families)]
         return [sum(k for k, _ in of_run) / sum(n for _, n in of_run) for of_run in whole]
-
-    def compare(
-        self, scope: Scope, a: str, b: str, places: Sequence[str], what: Callable[[Drive], bool]
-    ) -> Compared | None:
-        """Return how much oftener the drives of `a` are so than those of `b`.
-
-        Over runs where enough of either were judged (over all their episodes where none differs from another), else
-        over the episodes of those shown; None where one of them has not driven in all of these worlds.
-        """
-        x, y = (self.seeds(scope, method, places, what) for method in (a, b))
-        if min(len(x), len(y)) >= ENOUGH_SEEDS:
-            words = "; ".join(f"{m} {np.mean(v):.0%} (mean of {len(v)} runs)" for m, v in ((a, x), (b, y)))
-            difference = seeds_difference(x, y)
-            if math.isnan(difference.low):  # no seed differs from another: what is left is how many drives they are
-                difference = rate_difference(*(rate(self._of_runs(scope, method, places), what) for method in (a, b)))
-            return Compared((float(np.mean(x)), float(np.mean(y))), difference, words)
-        pools = [self.pool(scope, method, places) for method in (a, b)]
-        if not all(pools):
-            return None
-        one, other = (rate(pool, what) for pool in pools)
-        return Compared((one.share, other.share), rate_difference(one, other), f"{a} {one}; {b} {other}")

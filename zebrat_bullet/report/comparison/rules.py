@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from zebrat_bullet.report.comparison.evidence import Drive, Evidence, Scope, rate, succeeded
+from zebrat_bullet.report.comparison.shares import compare, share
 from zebrat_bullet.report.comparison.statistics import LEVEL, Difference, holm, paired_test
 
 MARGIN = 0.05
@@ -108,7 +109,7 @@ def _more(
     """Return the rule that drives of method `a` are oftener so; how much room the two shares leave, `room` says."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
-        compared = evidence.compare(scope, a, b, places, what)
+        compared = compare(evidence, scope, a, b, places, what)
         if compared is None:
             return without(evidence, scope, [name for name in (a, b) if not evidence.pool(scope, name, places)])
         said = f"{word}: {compared.words}; {compared.difference}"
@@ -126,14 +127,14 @@ def often(method: str, places: Sequence[str], what: Callable[[Drive], bool], wor
     """Return the rule that a method's drives in some worlds are often so."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
-        pool = evidence.pool(scope, method, places)
-        if not pool:
+        at = share(evidence, scope, method, places, what)
+        if at is None:
             return without(evidence, scope, [method])
-        at = rate(pool, what)
         low, high = at.interval
         verdict = Verdict.UPHELD if low > OFTEN else Verdict.NOT_UPHELD if high < OFTEN else Verdict.UNDECIDED
-        each = ", ".join(f"{place} {rate(evidence.shown(scope, method, place)).share:.0%}" for place in places)
-        return Finding(verdict, f"{method} {word} in {at}; success by track: {each}")
+        left = [share(evidence, scope, method, [place]) for place in places]
+        each = ", ".join(f"{place} {one.value:.0%}" for place, one in zip(places, left, strict=True) if one)
+        return Finding(verdict, f"{method} {word} in {at.words}; success by track: {each}")
 
     return rule
 

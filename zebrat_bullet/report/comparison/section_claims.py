@@ -27,9 +27,10 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
         "How each claim is decided",
         (
             Text(
-                f"{RULE}\n\nWhere at least {ENOUGH_SEEDS} seeds of both sets were judged, a difference is of their "
-                "means over seeds, with Welch's t-interval (Colas et al. 2019: with so few seeds a bootstrap is too "
-                "sure). Else it is between one policy of each, over episodes, with Newcombe's interval: it speaks of "
+                f"{RULE}\n\nWhere at least {ENOUGH_SEEDS} seeds of the sets concerned were judged, a share is the mean "
+                "over seeds, with a t-interval, and a difference that of two means, with Welch's (Colas et al. 2019: "
+                "with so few seeds a bootstrap is too sure). Else a share is one policy's, with Wilson's interval, and "
+                "a difference is between one policy of each, over episodes, with Newcombe's: it speaks of "
                 "these two policies in these tracks, not of what another seed would have learned, and starts of one "
                 "track resemble each other, so that it is on the narrow side. Verdicts are not corrected for being "
                 "many. The rules are code and see the tables only; verdicts change when the tables do. Sections and "

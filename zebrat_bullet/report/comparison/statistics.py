@@ -72,6 +72,15 @@ def seeds_difference(a: Sequence[float], b: Sequence[float]) -> Difference:
     return Difference(value, value - half, value + half)
 
 
+def seeds_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the t-interval of a mean over seeds; NaN where no seed differs from another."""
+    x = np.array(values, dtype=float)
+    if np.ptp(x) == 0.0:
+        return np.nan, np.nan
+    half = float(t.ppf(1.0 - LEVEL / 2.0, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x)))
+    return float(x.mean()) - half, float(x.mean()) + half
+
+
 @dataclass(frozen=True, slots=True)
 class Paired:
     """What two drivers made of the same starts.
