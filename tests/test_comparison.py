@@ -358,7 +358,9 @@ def test_the_time_of_a_training_on_planar_cars_holds_the_drawing_of_its_tracks(t
 def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
     manifest = read_manifest(SHIPPED)
     paper = manifest.budget("paper")
-    assert list(paper.trainings) == list(manifest.trainings) and list(paper.judgements) == list(manifest.judgements)
+    once = {"paper-fomt-first"}  # kept for their logs, and never run again
+    assert list(paper.trainings) == [name for name in manifest.trainings if name not in once]
+    assert list(paper.judgements) == list(manifest.judgements)
     assert len(paper.seeds) == 5 and not any(paper.trainings.values())
     assert cells(manifest, "paper") == cells(manifest)
     all_cells = cells(manifest, "paper")
@@ -402,6 +404,7 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
         judged = {cell.training for cell in cells(here.manifest, budget)} - {""}
         assert all(name in here.plan.trainings or here.manifest.trainings[name].policies for name in judged)
         assert "finetuning-fomt" not in judged
+    assert {config.seed for config in here.runs("paper-fomt-first").values()} == {0, 1, 2}  # whatever the budget's
     finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
     assert ("train paper-fomt" in finished) == (budget == "laptop")
 

@@ -23,13 +23,13 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.rollout import run_episode
-from zebrat_bullet.report.comparison.build import build_report
+from zebrat_bullet.report.comparison.build import build_report, make_document
 from zebrat_bullet.report.comparison.document import Cards
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
 from zebrat_bullet.report.comparison.section_evaluation import ablation_section
 from zebrat_bullet.report.comparison.section_run import run_section
-from zebrat_bullet.report.comparison.settings import asked_runs
+from zebrat_bullet.report.comparison.settings import asked_for, asked_runs
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
 
@@ -139,6 +139,13 @@ def test_the_notes_are_included_and_can_fetch_or_run_nothing(folder):
     assert "It <em>depends</em>." in page and "<script" not in page and 'src="http' not in page
 
 
+def test_what_the_notes_say_in_short_stands_at_the_top(made):
+    document = make_document(made, read_manifest(), "- It *depends*.\n\n---\n\nOn what, is long.\n")
+    assert "- It *depends*." in document.lead and "On what" not in document.lead
+    (learned,) = [section for section in document.sections if section.title.startswith("What was learned")]
+    assert learned.blocks[0].markdown.strip() == "On what, is long."
+
+
 def test_the_markdown_says_the_same_and_its_pictures_are_there(folder, tmp_path):
     written = build_report(folder, tmp_path / "report.md", read_manifest())
     text = (tmp_path / "report.md").read_text()
@@ -188,8 +195,21 @@ def test_what_is_trained_is_counted_against_the_largest_budget():
     assert asked["scale", "ppo", "fmt", "margin", "10 million steps"] == 5
     made = run_section(Evidence(tables(runs=[run("a"), run("b", state="partial")])), {}, asked)
     rows = {row[1:3]: row for part in made.parts for block in part.blocks for row in getattr(block, "rows", ())}
-    assert rows["ddpg FOMT", "1000 episodes"][3].text == "1 of 5, 1 begun"
+    assert rows["ddpg FOMT", "1000 episodes"][3].text == "1 of 8, 1 begun"
     assert rows["ppo FMT, margin", "10 million steps"][3].text == "0 of 5"
+    # Five that the largest budget trains, and three that are kept and no budget trains.
+    assert asked["paper", "ddpg", "fomt", "", "1000 episodes"] == 8
+
+
+def test_a_cell_with_fewer_episodes_than_asked_for_says_so():
+    manifest = read_manifest()
+    runs = [run(f"seed{seed}", seed=seed) for seed in range(2)]
+    rows = [row for one in runs for row in episodes("RL_FOMT", "track_2", "ssc", run=one["run"])]
+    evidence = Evidence(tables(runs=runs, episodes=rows))
+    at = asked_for(manifest, evidence)["paper", "RL_FOMT", "", "", "bullet"]
+    assert (at.n_driven, at.n_wanted) == (6, 140) and len(at.cells) - len(at.missing) == 2
+    made = run_section(evidence, {("paper", "RL_FOMT", "", "", "bullet"): at}, {})
+    assert "2 of 48 cells driven, in worlds with 4% of the episodes" in made.blocks[0].markdown
 
 
 def test_every_seed_is_shown_in_each_track_and_one_that_has_not_driven_all_has_no_total():

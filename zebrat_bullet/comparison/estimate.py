@@ -109,10 +109,11 @@ def _missing(place: Place) -> list[str]:
     cut = [name for name, settings in plan.trainings.items() if settings]
     if cut:
         said.append(f"trained for a moment only: {', '.join(cut)}")
+    ever_trained = {name for budget in manifest.budgets.values() for name in budget.trainings}
     absent = [
         f"{name} ({'only what is kept' if training.kept else 'not trained'})"
         for name, training in manifest.trainings.items()
-        if name not in plan.trainings
+        if name in ever_trained and name not in plan.trainings
     ]
     if absent:
         said.append(f"trainings {', '.join(absent)}")

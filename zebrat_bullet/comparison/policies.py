@@ -79,18 +79,20 @@ class Place:
 
         Args:
             name: of the training.
-            more_seeds: beside the budget's.
+            more_seeds: beside the budget's; of a training that it does not run, beside those that are kept.
 
         Raises:
             ConfigError: a setting is wrong; the message names the training.
         """
         training, folder = self.manifest.trainings[name], self.training_folder(name)
         settings = (*training.set, *self.plan.trainings.get(name, ()))
+        kept = () if name in self.plan.trainings else training.kept_seeds
+        seeds = kept or self.plan.seeds
         with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
             whole = Sweep(
                 algos=training.algos,
                 rewards=training.rewards,
-                seeds=tuple(sorted({*self.plan.seeds, *more_seeds})),
+                seeds=tuple(sorted({*seeds, *more_seeds})),
                 preset=training.preset,
                 set=settings,
             )

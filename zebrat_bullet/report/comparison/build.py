@@ -18,9 +18,12 @@ from zebrat_bullet.report.comparison.section_evaluation import ablation_section,
 from zebrat_bullet.report.comparison.section_run import run_section
 from zebrat_bullet.report.comparison.section_scale import rivals_section, scale_section
 from zebrat_bullet.report.comparison.section_training import collision_section, curve_section
+from zebrat_bullet.report.comparison.section_words import differences_section, words_section
 from zebrat_bullet.report.comparison.settings import asked_for, asked_runs
 
 NOTES = "notes.md"
+IN_SHORT = "\n---\n"
+"""What stands above this in the notes goes to the top of the report."""
 FORMATS = (".html", ".md")
 _TITLE = "Driving out of narrow passages: the paper's comparison, again and at scale"
 _LEAD = """\
@@ -28,11 +31,11 @@ Seven ways to drive a car-like robot out of narrow passages, compared as in *Ung
 with Safety Region Enhanced Reinforcement Learning for Ackermann-steering Robots* (Tian, Liu, Zhou, Shi, IEEE MOST 2024,
 [arXiv 2209.08349](https://arxiv.org/abs/2209.08349)): at the paper's own budget, and with many times its training.
 
-**{claims}**
+{in_short}**{claims}**
 
 Every table, figure and verdict here is computed from five tables of records: `zebrat report --records FOLDER --out
-FILE` makes this page from them again, byte for byte; `zebrat reproduce` makes the tables. The text under "What was
-learned, and why" is written by hand and names where its other numbers come from.
+FILE` makes this page from them again, byte for byte; `zebrat reproduce` makes the tables. What is in short
+above, and "What was learned, and why", is written by hand and says where its other numbers come from.
 """
 
 
@@ -42,14 +45,17 @@ def make_document(tables: Mapping[str, Any], manifest: Manifest, notes: str = ""
     Args:
         tables: the five of `zebrat_bullet.comparison.tables`, by name.
         manifest: what was to be driven; what of it is not in the tables is marked as missing.
-        notes: what was learned and why, Markdown; included as it is.
+        notes: what was learned and why, Markdown, included as it is: above a line `---`, if there is one, in short.
     """
     evidence = Evidence(tables)
     claims, lead = claims_section(evidence)
+    in_short, _, notes = notes.rpartition(IN_SHORT)
     learned = (Section("What was learned, and why", (Text(notes),)),) if notes.strip() else ()
     sections = (
+        words_section(),
         claims,
         *learned,
+        differences_section(),
         run_section(evidence, asked_for(manifest, evidence), asked_runs(manifest)),
         collision_section(evidence),
         curve_section(evidence),
@@ -61,7 +67,8 @@ def make_document(tables: Mapping[str, Any], manifest: Manifest, notes: str = ""
         paths_section(evidence),
         atlas_section(evidence, manifest),
     )
-    return Document(_TITLE, _LEAD.format(claims=lead), sections)
+    in_short = f"{in_short.strip()}\n\n" if in_short.strip() else ""
+    return Document(_TITLE, _LEAD.format(claims=lead, in_short=in_short), sections)
 
 
 def build_report(records: Path, out: Path, manifest: Manifest) -> list[Path]:

@@ -36,7 +36,7 @@ class Verdict(StrEnum):
     UNDECIDED = "undecided"
 
 
-Why = Literal["", "not driven", "no room"]
+Why = Literal["", "not driven", "no room", "not asked"]
 """Why a claim is undecided, if not for the width of an interval."""
 
 
@@ -123,8 +123,16 @@ def every(*rules: Rule) -> Rule:
     return lambda evidence, scope: weakest([rule(evidence, scope) for rule in rules])
 
 
-def often(method: str, places: Sequence[str], what: Callable[[Drive], bool], word: str) -> Rule:
-    """Return the rule that a method's drives in some worlds are often so."""
+def at_paper_only(rule: Rule, reason: str) -> Rule:
+    """Return a rule of the paper's budget, which cannot be asked at scale."""
+    not_asked = Finding(Verdict.UNDECIDED, reason, "not asked")
+    return lambda evidence, scope: rule(evidence, scope) if scope == "paper" else not_asked
+
+
+def often(
+    method: str, places: Sequence[str], what: Callable[[Drive], bool], word: str, beside: Sequence[str] = ()
+) -> Rule:
+    """Return the rule that a method's drives in some worlds are often so; `beside` it stand others' shares."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         at = share(evidence, scope, method, places, what)
@@ -134,28 +142,30 @@ def often(method: str, places: Sequence[str], what: Callable[[Drive], bool], wor
         verdict = Verdict.UPHELD if low > OFTEN else Verdict.NOT_UPHELD if high < OFTEN else Verdict.UNDECIDED
         left = [share(evidence, scope, method, [place]) for place in places]
         each = ", ".join(f"{place} {one.value:.0%}" for place, one in zip(places, left, strict=True) if one)
-        return Finding(verdict, f"{method} {word} in {at.words}; success by track: {each}")
+        others = [(name, share(evidence, scope, name, places, what)) for name in beside]
+        said = "".join(f"; {name} {word} in {other.words}" for name, other in others if other)
+        return Finding(verdict, f"{method} {word} in {at.words}; success by track: {each}{said}")
 
     return rule
 
 
-def often_fails(method: str, places: Sequence[str]) -> Rule:
+def often_fails(method: str, places: Sequence[str], beside: Sequence[str] = ()) -> Rule:
     """Return the rule that a method often ends without success in some worlds."""
-    return often(method, places, lambda drive: not drive.success, "does not leave")
+    return often(method, places, lambda drive: not drive.success, "does not leave", beside)
 
 
 def mostly_leaves(method: str, places: Sequence[str]) -> Rule:
     """Return the rule that a method leaves each of some worlds more often than not."""
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
-        if not evidence.pool(scope, method, places):
-            return without(evidence, scope, [method])
         findings = []
         for place in places:
-            at = rate(evidence.shown(scope, method, place))
+            at = share(evidence, scope, method, [place])
+            if at is None:
+                return without(evidence, scope, [method])
             low, high = at.interval
             verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
-            findings.append(Finding(verdict, f"{place} {at}"))
+            findings.append(Finding(verdict, f"{place} {at.words}"))
         return weakest(findings)
 
     return rule
@@ -183,7 +193,7 @@ def leads(method: str, rivals: Sequence[str], places: Sequence[str], needed: Seq
         alike = [name for name in who if len(ahead[name]) >= len(ahead[method])]
         missing = sorted({name for name in who for at in places if not drives[name, at]})
         said = f"among {len(who) + 1} methods highest in {len(ahead[method])} of {len(driven)} tracks, alone in "
-        said += f"{len(alone)}; surely beaten in {len(_beaten(method, who, driven, drives))} (paired test, Holm)"
+        said += f"{len(alone)}; beaten in {len(_beaten(method, who, driven, drives))} by a paired test over starts"
         said += f"; highest as often: {', '.join(alike)}" if alike else ""
         said += f"; not driven everywhere: {', '.join(missing)}" if missing else ""
         if 2 * len(lost) >= len(places):
@@ -213,7 +223,8 @@ def _beaten(
 def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Sequence[str] = ()) -> Rule:
     """Return the rule that a method takes less time than each rival in most worlds, from the starts that both leave.
 
-    At scale only rivals that were driven count, but those `needed` always.
+    A rival that never leaves has no time to beat. At scale only rivals that were driven count, but those `needed`
+    always.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
@@ -225,6 +236,9 @@ def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Se
                 continue
             if not evidence.pool(scope, name, places):
                 findings.append(without(evidence, scope, [name]))
+                continue
+            if not any(drive.success for drive in evidence.pool(scope, name, places)):
+                findings.append(Finding(Verdict.UPHELD, f"{name} never leaves"))
                 continue
             gained = [_gained_s(*(evidence.shown(scope, each, at) for each in (method, name))) for at in places]
             known = [s for s in gained if s is not None]

@@ -65,8 +65,9 @@ def _sum(
     trained: dict[tuple[str, ...], _Trained],
 ) -> str:
     said = (
-        "Of the largest budget. A run is the training of one seed; a cell is one policy or planner in one place, a "
-        "world or a held-out set. What is missing is marked in the tables, never filled in."
+        "Beside what the largest budget asks for. A run is the training of one seed; a cell is one policy or planner "
+        "in one place, a world or a held-out set. What is missing is marked in the tables, never filled in; and a cell "
+        "counts as driven with fewer episodes than asked for, too, whose share stands with it."
     )
     lines = []
     for study, title in STUDIES.items():
@@ -75,7 +76,9 @@ def _sum(
         n, n_missing = sum(len(each.cells) for each in at), sum(len(each.missing) for each in at)
         complete, begun = (sum(each.count(state) for each in of_study) for state in ("complete", "partial"))
         runs = f"{complete} of {sum(each.n_asked for each in of_study)} runs complete, {begun} begun; "
-        lines.append(f"- **{title}**: {runs if of_study else ''}{n - n_missing} of {n} cells driven")
+        done, wanted = sum(each.n_driven for each in at), sum(each.n_wanted for each in at)
+        share = f", in worlds with {done / wanted:.0%} of the episodes" if wanted else ""
+        lines.append(f"- **{title}**: {runs if of_study else ''}{n - n_missing} of {n} cells driven{share}")
     hours = sum(run["wall_s"] or 0.0 for run in evidence.runs) / 3600.0
     n_held_out = sum(row["n"] for row in evidence.held_out)
     counted = (
@@ -121,10 +124,13 @@ def _judgements(asked: dict[tuple[str, str, str, str, str], Asked]) -> Grid:
             absent[study, method, sim] += n
             continue
         kind: Kind = "open" if n_missing else "good"
-        rows.append((STUDIES.get(study, study), method, words, sim, Cell(f"{n - n_missing} of {n}", kind), _named(at)))
+        short: Kind = "open" if at.n_driven < at.n_wanted else "good" if at.n_wanted else ""
+        episodes = Cell(f"{at.n_driven:,} of {at.n_wanted:,}" if at.n_wanted else "-", short)
+        counts = Cell(f"{n - n_missing} of {n}", kind), episodes
+        rows.append((STUDIES.get(study, study), method, words, sim, *counts, _named(at)))
     for (study, method, sim), n in absent.items():
-        rows.append((STUDIES.get(study, study), method, "all others", sim, Cell(f"0 of {n}", "missing"), "all"))
-    head = ("budget", "method", "setting", "simulator", "cells driven", "not driven")
+        rows.append((STUDIES.get(study, study), method, "all others", sim, Cell(f"0 of {n}", "missing"), "-", "all"))
+    head = ("budget", "method", "setting", "simulator", "cells driven", "episodes in those worlds", "not driven")
     return Grid(head, tuple(rows))
 
 

@@ -15,11 +15,10 @@ from zebrat_bullet.report.comparison.evidence import (
     failed,
     rate,
 )
-from zebrat_bullet.report.comparison.figures import draw_intervals, draw_seed_lines
+from zebrat_bullet.report.comparison.figures import draw_seed_lines
 from zebrat_bullet.report.comparison.rules import mean_time_s
-from zebrat_bullet.report.comparison.section_evaluation import ABLATION, comparison_blocks
+from zebrat_bullet.report.comparison.section_evaluation import ABLATION, comparison_blocks, seeds_blocks
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, seeds_difference
-from zebrat_bullet.report.learning_stats import estimates
 
 _MISSING = Cell("not driven", "missing")
 _MOST_REVERSALS = 6
@@ -96,20 +95,7 @@ def _over_seeds(evidence: Evidence) -> list[Block]:
             values[label].append(sum(rate(drives).share for drives in places.values()) / len(TRACKS))
     if not values:
         return [Text("*Not driven at this budget.*")]
-    rows, table = {}, []
-    for label, each in values.items():
-        at = estimates(each)
-        low, high = at["iqm_ci"] or (at["iqm"], at["iqm"])
-        rows[label] = (at["iqm"], low, high, each)
-        interval = "one seed" if len(each) < 2 else f"{low:.1%} to {high:.1%}"
-        table.append((label, str(len(each)), f"{at['iqm']:.1%}", interval, f"{min(each):.1%}", f"{max(each):.1%}"))
-    caption = (
-        "Success on Tracks 1 to 8: interquartile mean (Agarwal et al. 2021, rliable; of fewer than four seeds it is "
-        "the mean), its 95 % bootstrap interval over seeds, which is on the narrow side for so few, and each seed."
-    )
-    drawn = draw_intervals(rows, "success on Tracks 1 to 8")
-    head = ("set", "seeds", "interquartile mean", "95 % interval", "least", "greatest")
-    return [Picture("scale_seeds", drawn, "Success over seeds at scale", caption), Grid(head, tuple(table))]
+    return seeds_blocks(values, "scale_seeds", "Success over seeds at scale")
 
 
 _Shares = dict[str, dict[str, list[float]]]

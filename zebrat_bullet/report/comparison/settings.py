@@ -1,6 +1,6 @@
 """What the manifest asks for beside what the tables have: cells that nobody drove, and how a cell was driven."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 
 from zebrat_bullet.comparison.cells import Cell, cells
@@ -15,41 +15,52 @@ class Asked:
     Attributes:
         cells: of the manifest.
         missing: those of them without an episode.
+        n_driven, n_wanted: episodes in those of the cells that are worlds and have any, and how many it was to be.
     """
 
     cells: tuple[Cell, ...]
     missing: tuple[Cell, ...]
+    n_driven: int = 0
+    n_wanted: int = 0
 
 
 def asked_runs(manifest: Manifest) -> dict[tuple[str, ...], int]:
-    """Return how many seeds of each set the largest budget trains: by study, algorithm, reward, variant and length."""
-    seeds = max((len(budget.seeds) for budget in manifest.budgets.values()), default=0)
-    return {
-        (training.study, algo, reward, training.variant, training.asked): seeds
-        for training in manifest.trainings.values()
-        for algo in training.algos
-        for reward in training.rewards
-    }
+    """Return how many runs of each set the largest budget trains, and keeps of trainings that none has.
+
+    By study, algorithm, reward, variant and length.
+    """
+    found: dict[tuple[str, ...], int] = defaultdict(int)
+    for name, training in manifest.trainings.items():
+        seeds = [len(budget.seeds) for budget in manifest.budgets.values() if name in budget.trainings]
+        for algo in training.algos:
+            for reward in training.rewards:
+                key = training.study, algo, reward, training.variant, training.asked
+                found[key] += max(seeds, default=len(training.kept_seeds))
+    return dict(found)
 
 
 def asked_for(manifest: Manifest, evidence: Evidence) -> dict[tuple[str, str, str, str, str], Asked]:
     """Return what was to be driven, by study, method, setting, noise and simulator."""
-    keys = ("study", "method", "setting", "noise", "sim", "place")
-    driven: dict[tuple[object, ...], set[int | None]] = defaultdict(set)
-    for row in (*evidence.held_out, *({k: getattr(d, k) for k in (*keys, "run")} for d in evidence.drives)):
-        driven[tuple(row[key] for key in keys)].add(evidence.seed(row["run"]))
-    found: dict[tuple[str, str, str, str, str], list[Cell]] = defaultdict(list)
+    driven: dict[tuple[object, ...], Counter[int | None]] = defaultdict(Counter)
+    for drive in evidence.drives:
+        driven[key_of(drive)][evidence.seed(drive.run)] += 1
+    for row in evidence.held_out:
+        key = tuple(row[name] for name in ("study", "method", "setting", "noise", "sim", "place"))
+        driven[key][evidence.seed(row["run"])] += row["n"]
+    found: dict[tuple[str, str, str, str, str], list[tuple[Cell, int]]] = defaultdict(list)
     for cell in cells(manifest):
-        found[cell.study, cell.method, cell.setting, cell.noise, cell.sim].append(cell)
+        key = cell.study, cell.method, cell.setting, cell.noise, cell.sim
+        of_cell = driven[*key, cell.place]
+        found[key].append((cell, of_cell.total() if cell.seed is None else of_cell[cell.seed]))
     return {
-        key: Asked(tuple(of_key), tuple(cell for cell in of_key if not _driven(cell, driven)))
+        key: Asked(
+            tuple(cell for cell, _ in of_key),
+            tuple(cell for cell, n in of_key if not n),
+            sum(n for cell, n in of_key if not cell.is_set),
+            sum(cell.episodes for cell, n in of_key if n and not cell.is_set),
+        )
         for key, of_key in found.items()
     }
-
-
-def _driven(cell: Cell, driven: dict[tuple[object, ...], set[int | None]]) -> bool:
-    seeds = driven.get((cell.study, cell.method, cell.setting, cell.noise, cell.sim, cell.place), set())
-    return bool(seeds) if cell.seed is None else cell.seed in seeds
 
 
 def options_of(manifest: Manifest) -> dict[tuple[str, str, str, str, str, str], tuple[str, ...]]:

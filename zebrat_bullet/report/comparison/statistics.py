@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.stats import binomtest, t
@@ -46,7 +47,12 @@ class Difference:
 
     def __str__(self) -> str:
         points = f"{100 * self.value:+.0f} points"
-        return points if np.isnan(self.low) else f"{points}, {100 * self.low:+.0f} to {100 * self.high:+.0f}"
+        return points if np.isnan(self.low) else f"{points}, {self.span}"
+
+    @property
+    def span(self) -> str:
+        """Its interval in words, of two shares: no further than from -100 to 100 points."""
+        return f"{100 * max(self.low, -1.0):+.0f} to {100 * min(self.high, 1.0):+.0f}"
 
 
 def rate_difference(a: Rate, b: Rate) -> Difference:
@@ -56,8 +62,8 @@ def rate_difference(a: Rate, b: Rate) -> Difference:
     return Difference(d, float(low), float(d + np.hypot(high_a - a.share, b.share - low_b)))
 
 
-def seeds_difference(a: Sequence[float], b: Sequence[float]) -> Difference:
-    """Return the difference of two means over seeds with Welch's t-interval.
+def seeds_difference(a: Sequence[float], b: Sequence[float], level: float = LEVEL) -> Difference:
+    """Return the difference of two means over seeds with Welch's t-interval, which misses it in `level` of the cases.
 
     For a handful of seeds a bootstrap is too narrow (Colas et al. 2019). Where no seed differs from another there is
     nothing to tell the width by.
@@ -68,7 +74,7 @@ def seeds_difference(a: Sequence[float], b: Sequence[float]) -> Difference:
         return Difference(value, np.nan, np.nan)
     squares = [of.var(ddof=1) / len(of) for of in (x, y)]
     freedom = sum(squares) ** 2 / sum(s**2 / (len(of) - 1) for s, of in zip(squares, (x, y), strict=True))
-    half = float(t.ppf(1.0 - LEVEL / 2.0, freedom) * np.sqrt(sum(squares)))
+    half = float(t.ppf(1.0 - level / 2.0, freedom) * np.sqrt(sum(squares)))
     return Difference(value, value - half, value + half)
 
 
@@ -104,6 +110,16 @@ def paired_test(one: Mapping[Hashable, bool], other: Mapping[Hashable, bool]) ->
     worse = sum(other[at] and not one[at] for at in both)
     p = float(binomtest(better, better + worse).pvalue) if better + worse else 1.0
     return Paired(len(both), better, worse, p)
+
+
+def sign_flip_test(differences: Sequence[float]) -> float:
+    """Return the two-sided p-value that a mean difference is 0, exact: of each it might as well be the other sign.
+
+    Of n differences it is at least 2 / 2**n.
+    """
+    by = np.array(differences, dtype=float)
+    flipped = np.abs(np.array(list(product((-1.0, 1.0), repeat=len(by)))) @ by)
+    return float(np.mean(flipped >= abs(by.sum()) - 1e-9))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, rate
 from zebrat_bullet.report.comparison.rules import NOT_DRIVEN, Finding, Rule, Verdict, decide, of_difference, weakest
-from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, Rate, rate_difference, seeds_difference
+from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, LEVEL, Rate, rate_difference, seeds_difference
 
 PLANNERS = ("DWA", "TEB")
 REPRESENTATIONS = {"sr": "SR", "firect": "FIRect", "fifr": "FIFR"}
@@ -129,10 +129,33 @@ def highest_return(algorithm: str) -> Rule:
     return rule
 
 
-def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "success", variant: str = "") -> Rule:
+def finds_a_way_out(algorithm: str, reward: str) -> Rule:
+    """Return the rule that most runs at the paper's budget have a policy that leaves the track they learn in.
+
+    By their own noise-free evaluations of it, so of all runs, also those whose policies were not kept.
+    """
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        keys = ("study", "algorithm", "reward", "variant", "state")
+        of_set = ("paper", algorithm, reward, "", "complete")
+        runs = [run for run in evidence.runs if tuple(run[key] or "" for key in keys) == of_set]
+        if not runs:
+            return NOT_DRIVEN
+        at = Rate(sum((run["best_success"] or 0.0) > 0.5 for run in runs), len(runs))
+        low, high = at.interval
+        verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
+        return Finding(verdict, f"{at} runs have a policy that leaves it in most of its own evaluations")
+
+    return rule
+
+
+def more_on_sets(
+    a: str, b: str, families: Sequence[str], outcome: str = "success", variant: str = "", n_together: int = 1
+) -> Rule:
     """Return the rule that episodes of method `a` on held-out sets end so oftener than those of `b`, over runs.
 
-    What makes the difference helps: `a` has it if they end in success, else `b`.
+    What makes the difference helps: `a` has it if they end in success, else `b`. Decided by an interval that holds
+    together with those of `n_together` such rules (Bonferroni).
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
@@ -142,9 +165,10 @@ def more_on_sets(a: str, b: str, families: Sequence[str], outcome: str = "succes
         said = "; ".join(f"{n} {sum(v) / len(v):.0%} (mean of {len(v)} runs)" for n, v in ((a, x), (b, y)))
         if min(len(x), len(y)) < ENOUGH_SEEDS:
             return Finding(Verdict.UNDECIDED, f"{outcome}: {said}: fewer than {ENOUGH_SEEDS} seeds")
-        at = seeds_difference(x, y)
+        together = seeds_difference(x, y, LEVEL / n_together)
         room = 1.0 - sum(y) / len(y) if outcome == "success" else sum(x) / len(x)
-        return decide(at, room, f"{outcome}: {said}; {at}")
+        said = f"{outcome}: {said}; {seeds_difference(x, y)}"
+        return decide(together, room, said if n_together == 1 else f"{said}; all {n_together} together {together.span}")
 
     return rule
 
