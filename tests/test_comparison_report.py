@@ -209,7 +209,7 @@ def test_a_cell_with_fewer_episodes_than_asked_for_says_so():
     at = asked_for(manifest, evidence)["paper", "RL_FOMT", "", "", "bullet"]
     assert (at.n_driven, at.n_wanted) == (6, 140) and len(at.cells) - len(at.missing) == 2
     made = run_section(evidence, {("paper", "RL_FOMT", "", "", "bullet"): at}, {})
-    assert "2 of 48 cells driven, in worlds with 4% of the episodes" in made.blocks[0].markdown
+    assert "2 of 60 cells driven, in worlds with 4% of the episodes" in made.blocks[0].markdown
 
 
 def test_every_seed_is_shown_in_each_track_and_one_that_has_not_driven_all_has_no_total():
