@@ -238,7 +238,7 @@ def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Se
                 findings.append(without(evidence, scope, [name]))
                 continue
             if not any(drive.success for drive in evidence.pool(scope, name, places)):
-                findings.append(Finding(Verdict.UPHELD, f"{name} never leaves"))
+                findings.append(Finding(Verdict.UPHELD, f"the policy shown of {name} never leaves"))
                 continue
             gained = [_gained_s(*(evidence.shown(scope, each, at) for each in (method, name))) for at in places]
             known = [s for s in gained if s is not None]
