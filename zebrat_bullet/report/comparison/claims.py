@@ -224,7 +224,7 @@ HARDER = tuple(
     Claim(
         said,
         f"`{sets[0]}`" if len(sets) == 1 else "eight sets without reversals",
-        VARIANTS[variant] or "as printed",
+        VARIANTS[variant] or "a contact costs 50, as printed",
         more_on_sets(a, b, sets, outcome, variant, N_HARDER),
     )
     for variant in VARIANTS
