@@ -375,6 +375,15 @@ def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
         assert {"radius 0.3", "radius 0.5"} <= {cell.setting for cell in driven}
 
 
+def test_a_training_that_no_budget_runs_is_missing_from_none(tmp_path: Path):
+    def said(budget: str) -> str:
+        here = Place(manifest=read_manifest(SHIPPED), budget=budget, out=tmp_path, checkout=ROOT)
+        return forecast(here, [], [], {})
+
+    assert "missing" not in said("paper")
+    assert "finetuning-fomt (only what is kept)" in said("laptop") and "paper-fomt-first" not in said("laptop")
+
+
 def test_every_seed_means_kept_ones_that_the_budget_does_not_train_too_but_not_where_it_cuts_them_short():
     manifest = read_manifest(SHIPPED)
     seeds = {
