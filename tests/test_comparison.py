@@ -25,6 +25,7 @@ from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, writ
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.evaluation.track_set import read_set
+from zebrat_bullet.report.comparison.settings import asked_runs
 from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 
@@ -173,6 +174,7 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
         ("learned: {}, random", "learnt: {}, random", "names 'learnt'; there are learned, random, held-out"),
         ("episodes: 12,", "episodes: 0,", "episodes and tracks are at least 1"),
         ("seeds: [0]", "seeds: []", "seeds are whole numbers from 0 up, at least one"),
+        ("asked: 8", "seeds: [3]\n    asked: 8", "budgets.all.seeds are [0], and none is among trainings.short.seeds"),
         ("sim: planar", "sim: planar, worlds: [track_2]", "either worlds or sets"),
         ("trainings:", "trainings: [", "is not readable as YAML"),
     ],
@@ -382,6 +384,20 @@ def test_a_training_that_no_budget_runs_is_missing_from_none(tmp_path: Path):
 
     assert "missing" not in said("paper")
     assert "finetuning-fomt (only what is kept)" in said("laptop") and "paper-fomt-first" not in said("laptop")
+
+
+def test_a_training_with_seeds_of_its_own_has_no_others_in_any_budget(tmp_path: Path):
+    text = TINY.replace("asked: 8 episodes\n", "asked: 8 episodes\n    seeds: [1]\n").replace(
+        "seeds: [0]", "seeds: [1, 2]"
+    )
+    text = text.replace("worlds: [track_2], episodes: 2,", "seeds: every, worlds: [track_2], episodes: 2,")
+    (tmp_path / "manifest.yaml").write_text(text)
+    for budget in ("all", "more"):
+        here = place(tmp_path, budget)
+        assert [config.seed for config in here.runs("short").values()] == [1]
+        assert [cell.seed for cell in cells(here.manifest, budget) if cell.training] == [1]
+    assert [cell.seed for cell in cells(here.manifest) if cell.training] == [1]
+    assert asked_runs(here.manifest) == {("paper", "ddpg", "ft", "", "8 episodes"): 1}
 
 
 def test_every_seed_means_kept_ones_that_the_budget_does_not_train_too_but_not_where_it_cuts_them_short():

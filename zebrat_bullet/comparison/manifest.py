@@ -1,7 +1,7 @@
 """The manifest of a comparison: which runs and judgements, and what of them each budget does; one YAML file."""
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -26,6 +26,7 @@ class Training:
         asked: its length in words, for people.
         algos, rewards, preset, set: as in `zebrat sweep`.
         variant: what it has beside the study's plain runs, such as "crash"; empty for those.
+        seeds: those of a budget's that it has; none: all of them.
         init: name of another training; each algorithm and reward begins with the best policy of its seeds there.
         kept: a folder or zip archive of run folders that exist: finished ones are not run again.
         kept_seeds: of these, in every budget that does not cut the training short.
@@ -40,11 +41,16 @@ class Training:
     rewards: tuple[str, ...] = ("fomt",)
     preset: str = "paper"
     variant: str = ""
+    seeds: tuple[int, ...] = ()
     set: tuple[str, ...] = ()
     init: str = ""
     kept: str = ""
     kept_seeds: tuple[int, ...] = ()
     policies: str = ""
+
+    def seeds_of(self, wanted: Sequence[int]) -> tuple[int, ...]:
+        """Return the seeds that it has in a budget that wants these."""
+        return tuple(seed for seed in wanted if not self.seeds or seed in self.seeds)
 
     def setting(self, algo: str) -> str:
         """Return what tells a judged policy from others of the same study and reward."""
@@ -144,7 +150,7 @@ class Budget:
 
     Attributes:
         about: in a sentence.
-        seeds: of every training.
+        seeds: of every training, but where that has fewer of its own.
         trainings: those that are run, each with settings that cut it short (none: as the manifest has it).
         anew: those of them that are run although finished runs are kept.
         judgements: those that are driven, each with what is done of it.
@@ -192,6 +198,10 @@ class Manifest:
             _known(f"judgements.{name}.trainings", judgement.trainings, self.trainings)
         for name, budget in self.budgets.items():
             _known(f"budgets.{name}.trainings", budget.trainings, self.trainings)
+            for part in budget.trainings:
+                if not self.trainings[part].seeds_of(budget.seeds):
+                    seeds = f"budgets.{name}.seeds are {list(budget.seeds)}"
+                    raise ConfigError(f"{seeds}, and none is among trainings.{part}.seeds, which budgets.{name} runs")
             _known(f"budgets.{name}.judgements", budget.judgements, self.judgements)
             for part, share in budget.judgements.items():
                 whole = self.judgements[part]

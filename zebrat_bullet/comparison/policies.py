@@ -87,7 +87,7 @@ class Place:
         training, folder = self.manifest.trainings[name], self.training_folder(name)
         settings = (*training.set, *self.plan.trainings.get(name, ()))
         kept = () if name in self.plan.trainings else training.kept_seeds
-        seeds = kept or self.plan.seeds
+        seeds = kept or training.seeds_of(self.plan.seeds)
         with refusing(f"trainings.{name}", ConfigError, "cannot be run", "mend the manifest"):
             whole = Sweep(
                 algos=training.algos,

@@ -31,7 +31,8 @@ def asked_runs(manifest: Manifest) -> dict[tuple[str, ...], int]:
     """
     found: dict[tuple[str, ...], int] = defaultdict(int)
     for name, training in manifest.trainings.items():
-        seeds = [len(budget.seeds) for budget in manifest.budgets.values() if name in budget.trainings]
+        budgets = [budget for budget in manifest.budgets.values() if name in budget.trainings]
+        seeds = [len(training.seeds_of(budget.seeds)) for budget in budgets]
         for algo in training.algos:
             for reward in training.rewards:
                 key = training.study, algo, reward, training.variant, training.asked
