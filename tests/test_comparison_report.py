@@ -29,6 +29,7 @@ from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
 from zebrat_bullet.report.comparison.section_evaluation import ablation_section
 from zebrat_bullet.report.comparison.section_run import run_section
+from zebrat_bullet.report.comparison.section_scale import scale_section
 from zebrat_bullet.report.comparison.settings import asked_for, asked_runs
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.world import load_world
@@ -221,6 +222,34 @@ def test_every_seed_is_shown_in_each_track_and_one_that_has_not_driven_all_has_n
     rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in part.blocks[0].rows]
     assert rows[0] == ("RL_FOMT", "0", "not driven", *["100"] * 7, "50", "6%", "12%")
     assert rows[1] == ("RL_FOMT", "1", "not driven", "33", *["not driven"] * 9)
+
+
+def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_on_held_out_tracks():
+    def longer(name: str, asked: str, steps: int, **more: Any) -> dict[str, Any]:
+        return run(name, study="paper-at-scale", asked=asked, steps=steps, **more)
+
+    runs = [longer("a", "10 million steps", 10**7, best_success=0.9), longer("b", "0.1 million steps", 10**5)]
+    runs.append(longer("c", "0.1 million steps", 10**5, seed=1, best_success=0.3))
+    learning = [
+        {"run": one["run"], "episode": 9, "total_steps": one["steps"], "success": one["best_success"]} for one in runs
+    ]
+    on_track = {"study": "paper-at-scale", "family": "corners", "reversals": 0, "sim": "planar"}
+    drives = [
+        row | on_track | {"run": name}
+        for name, outcomes in (("b", "sscf"), ("c", "cccf"))
+        for row in episodes("RL_FOMT", "corners", outcomes)
+    ]
+    made = scale_section(Evidence(tables(runs=runs, learning=learning, episodes=drives)))
+    (part,) = (part for part in made.parts if part.title == "The paper's algorithms, longer")
+    *curves, grid = part.blocks
+    assert [at.name for at in curves] == ["curve_longer_0_1", "curve_longer_10"]
+    assert b"DDPG FOMT, 2 seeds" in curves[0].data and b"DDPG FOMT, 1 seed<" in curves[1].data
+    rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in grid.rows]
+    short = ("2 of 2", "40 % (30-50)", "not driven", "25 % (0-50)", "50 % (25-75)")
+    assert rows == [
+        ("DDPG FOMT", "0.1 million steps", *short),
+        ("DDPG FOMT", "10 million steps", "1 of 1", "90 %", "not driven", "not driven", "not driven"),
+    ]
 
 
 def test_another_ending_or_a_missing_table_is_refused(folder, tmp_path):

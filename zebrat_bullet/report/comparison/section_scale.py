@@ -1,6 +1,6 @@
 """At scale: the sets over their seeds, on the tracks and on the held-out sets; longer runs; fairer rivals."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,9 +15,10 @@ from zebrat_bullet.report.comparison.evidence import (
     failed,
     rate,
 )
-from zebrat_bullet.report.comparison.figures import draw_seed_lines
+from zebrat_bullet.report.comparison.figures import draw_bands, draw_seed_lines
 from zebrat_bullet.report.comparison.rules import mean_time_s
 from zebrat_bullet.report.comparison.section_evaluation import ABLATION, comparison_blocks, seeds_blocks
+from zebrat_bullet.report.comparison.section_training import learning_bands
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, seeds_difference
 
 _MISSING = Cell("not driven", "missing")
@@ -226,11 +227,10 @@ def _longer(evidence: Evidence) -> list[Block]:
     for drive in evidence.drives:
         if drive.study == "paper-at-scale" and drive.place in TRACKS:
             tracks[drive.run].append(drive)
-    held_out: dict[str | None, list[int]] = defaultdict(lambda: [0, 0])
+    held_out: dict[str | None, Counter[str]] = defaultdict(Counter)
     for row in evidence.held_out:
         if row["study"] == "paper-at-scale" and _reversals(row) == "0":
-            held_out[row["run"]][0] += row["n"] if row["outcome"] == "success" else 0
-            held_out[row["run"]][1] += row["n"]
+            held_out[row["run"]][row["outcome"]] += row["n"]
     rows: list[Row] = []
     for (algorithm, reward), of_length in sorted(runs.items()):
         for asked in sorted(of_length, key=lambda asked: (lengths[asked], asked)):
@@ -238,12 +238,28 @@ def _longer(evidence: Evidence) -> list[Block]:
             at = [run["best_success"] for run in complete if run["best_success"] is not None]
             judged = [drive for run in of_length[asked] for drive in tracks[run["run"]]]
             name = f"{algorithm.upper()} {reward.upper()}"
-            out = [k / n for run in of_length[asked] for k, n in (held_out[run["run"]],) if n]
+            counts = [held_out[run["run"]] for run in of_length[asked] if held_out[run["run"]]]
+            out = [_seeds_cell([n[what] / n.total() for n in counts]) for what in ("success", "collision")]
             own = f"{len(complete)} of {len(of_length[asked])}", _seeds_cell(at)
-            rows.append((name, asked, *own, _share(judged), _seeds_cell(out)))
-    head = ("set", "asked for", "seeds complete", "success in own evaluations", "Tracks 1-8, best seed", "held out")
+            rows.append((name, asked, *own, _share(judged), *out))
+    head = ("set", "asked for", "seeds complete", "success in own evaluations", "Tracks 1-8, best seed")
     caption = (
-        "Own evaluations: best policy of a run. Held out: success on the held-out tracks that need no reversing, dead "
-        "ends not among them. Means over seeds, and in brackets from the least to the greatest."
+        "Own evaluations: best policy of a run. Held out: the held-out tracks that need no reversing, dead ends not "
+        "among them; what neither leaves nor touches stalls or runs out of time. Means over seeds, and in brackets "
+        "from the least to the greatest."
     )
-    return [Grid(head, tuple(rows), caption)]
+    drawn = [_longer_curve(evidence, asked) for asked in sorted(lengths, key=lambda asked: (lengths[asked], asked))]
+    return [*filter(None, drawn), Grid((*head, "held out: success", "held out: collision"), tuple(rows), caption)]
+
+
+def _longer_curve(evidence: Evidence, asked: str) -> Picture | None:
+    """Draw the noise-free evaluations of the runs of one length; None where there are none."""
+
+    def keep(run: dict[str, Any]) -> bool:
+        return run["study"] == "paper-at-scale" and (run["asked"] or "") == asked
+
+    if not (bands := learning_bands(evidence, "success", keep, "set", "total_steps")):
+        return None
+    title = f"Success in noise-free evaluations, DDPG and SAC on generated tracks, {asked}"
+    drawn = draw_bands(bands, "steps", "success in evaluations")
+    return Picture(f"curve_longer_{asked.split()[0].replace('.', '_')}", drawn, title, title)

@@ -103,7 +103,10 @@ def _scale(run: dict[str, Any]) -> bool:
 def learning_bands(
     evidence: Evidence, column: str, keep: Callable[[dict[str, Any]], bool], label: str, x: str = "episode"
 ) -> dict[str, Band]:
-    """Return a curve of each label of the runs to keep: the last value known at each of 101 episodes or steps (`x`)."""
+    """Return a curve of each label of the runs to keep: the last value known at each of 101 episodes or steps (`x`).
+
+    A label is a column of `runs`; "variant" is the reward with its variant, "set" the algorithm with its reward.
+    """
     rows: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for row in evidence.learning:
         if row[column] is not None and row[x] is not None:
@@ -125,8 +128,8 @@ def learning_bands(
 
 
 def _label(run: dict[str, Any], label: str) -> str:
-    name = run[label] if label != "variant" else f"{run['reward']} {run['variant'] or ''}".strip()
-    return str(name).upper()
+    columns = {"variant": ("reward", "variant"), "set": ("algorithm", "reward")}.get(label, (label,))
+    return " ".join(run[column] for column in columns if run[column]).upper()
 
 
 def _reached(evidence: Evidence) -> Section:
@@ -142,8 +145,8 @@ def _reached(evidence: Evidence) -> Section:
     rows = {name: (*_iqm(of_name), of_name) for name, of_name in values.items()}
     caption = (
         "Interquartile mean (dot) with its 95 % bootstrap interval over seeds (bar), and each seed (line): success of "
-        "a run's best policy in its own noise-free evaluations, on its training tracks. It is the best of many "
-        "evaluations, so it flatters all alike."
+        "a run's best policy in its own noise-free evaluations, in the world it learned in or in more generated tracks "
+        "like its own. It is the best of many evaluations, so it flatters all alike."
     )
     drawn = draw_intervals(rows, "success in own evaluations")
     table: list[Row] = []
