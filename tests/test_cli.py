@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from zebrat_bullet.assets import find_asset
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.training.sweep_run import claim
@@ -209,3 +210,35 @@ def test_what_slips_through_is_one_line_that_calls_it_our_bug_and_debug_shows_wh
     assert len(said.err.splitlines()) == 1 and not said.out
     with pytest.raises(RuntimeError, match="odd"):
         main(["sets", "--debug"])
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["worlds", "track_2", "--draw", "--out", "/proc/none/x.png"], "worlds: cannot be written: No such file"),
+        (["worlds", "track_2", "--draw", "--out", "x.xyz"], "x.xyz is to be a picture: end it in .png, .svg"),
+        (["robots", "--draw", "--out", "cars"], "cars is to be a picture: end it in .png, .svg"),
+        (["video", "--agent", "oracle", "--out", "drive.avi"], "a video's name ends in .mp4, got 'drive.avi'"),
+        (["worlds", "track_2", "--map", __file__], "worlds: cannot be written: File exists"),
+    ],
+)
+def test_what_cannot_be_written_is_told_as_the_users_to_mend(command, said, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "--quiet"]) == 2
+    assert said in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_missing_inside_is_still_our_bug(tmp_path, monkeypatch, capfd):
+    def fail(*arguments):
+        raise FileNotFoundError(2, "No such file", "/somewhere/else.json")
+
+    monkeypatch.setattr("zebrat_bullet.assets.list_assets", fail)
+    assert main(["sets", "--out", str(tmp_path / "here")]) == 3
+    assert "this is a bug of ours: FileNotFoundError" in capfd.readouterr().err
+
+
+def test_what_is_wrong_with_a_car_that_is_listed_is_said_of_that_car(tmp_path, capfd):
+    (tmp_path / "mine.urdf").write_text(find_asset("urdf", "zebrat", ".urdf").read_text())
+    assert main(["robots", str(tmp_path / "mine.urdf"), "--joints", "wheel_radius_m=-1"]) == 1
+    assert "mine.urdf: wheel_radius_m is" in capfd.readouterr().err

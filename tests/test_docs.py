@@ -221,9 +221,10 @@ def test_the_five_minute_start_does_what_it_says(
 def test_the_examples_of_a_page_run(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     kept = dict(TERMS)
     blocks = [text for _, language, text in FENCE.findall((DOCS / name).read_text()) if language == "python"]
+    names = {"__name__": "page"}
     try:
         for text in blocks:
-            exec(text, {"__name__": "page"})
+            exec(text, names)
     finally:
         TERMS.clear()
         TERMS.update(kept)

@@ -195,6 +195,9 @@ def test_the_agent_takes_settings_in_its_name() -> None:
     assert isinstance(tuned, DwaAgent) and tuned.config == replace(TUNED, sim_time_s=2.0)
     with pytest.raises(ConfigError, match="sim_time_s must be above 0, got -1"):
         load_agent("dwa:sim_time_s=-1", TASK)
+    for wrong in ("inflation_radius_m=nan", "window_m=inf", "footprint_padding_m=-0.1"):
+        with pytest.raises(ConfigError, match=r"must be 0 to 1e\+06, got"):
+            load_agent(f"dwa:{wrong}", TASK)
 
 
 def wall(x0: float, x1: float, y0: float, y1: float) -> Box:

@@ -267,6 +267,7 @@ def test_settings_are_plain_data_too_and_a_spec_comes_back_from_json():
         ({"noise": {"dropout": 2}}, r"^not a valid NoiseConfig: dropout is a probability, got 2\.0$"),
         ({"noise": 0.1}, "settings are a NoiseConfig or a mapping of its fields, got '0.1'"),
         ({"reward": {"weights": {"F": {1, 2}}}}, "no plain data"),
+        ({"caster": ""}, "caster"),
     ],
 )
 def test_plain_settings_that_cannot_be_meant_are_refused(settings, said):
@@ -274,7 +275,9 @@ def test_plain_settings_that_cannot_be_meant_are_refused(settings, said):
         ZebratEnv("track_2", **settings)
 
 
-@pytest.mark.parametrize("action", ["left", None, [[1.0], [0.0, 1.0]], [0.1, 0.2, 0.3], float("nan"), {"speed": 1}])
+@pytest.mark.parametrize(
+    "action", ["left", None, [[1.0], [0.0, 1.0]], [0.1, 0.2, 0.3], float("nan"), {"speed": 1}, 1.5]
+)
 @pytest.mark.parametrize("discrete", [False, True])
 def test_an_action_that_is_none_is_refused_in_our_words(action, discrete):
     env = ZebratEnv("track_2", caster="embree", discrete=discrete)
@@ -321,6 +324,7 @@ def test_a_start_pose_is_three_numbers_of_any_kind(pose):
         ({"pose": "here"}, r"a Pose2 or \(x, y, yaw\)"),
         ({"pose": (1.0, 2.0, math.nan)}, "must be finite"),
         ({"pose": (2.0, 0.3, 0.2)}, "puts the car into a wall of 'track_2'"),
+        ({"pose": (100.0, 0.0, 0.0)}, r"lies outside 'track_2', x -?\d+\.\d+ to"),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(options, said):

@@ -167,7 +167,10 @@ def test_a_car_in_a_wall_is_refused(robot: RobotModel) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"arc_m": 0.0}, {"n_steering": 2}, {"margins_m": ()}, {"margins_m": (0.1, 0.0)}, {"max_nodes": 1}, {"greed": 0.9}],
+    [
+        *({"arc_m": 0.0}, {"n_steering": 2}, {"margins_m": ()}, {"margins_m": (0.1, 0.0)}, {"max_nodes": 1}),
+        *({"greed": 0.9}, {"reverse_cost": -1.0}, {"reversal_cost": float("nan")}, {"margins_m": (float("nan"),)}),
+    ],
 )
 def test_settings_out_of_range_are_refused(wrong: dict) -> None:
     with pytest.raises(ConfigError):

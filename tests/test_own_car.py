@@ -302,9 +302,19 @@ def test_limits_of_the_urdf_count_where_they_are_lower(tmp_path: Path, simulate:
     assert state.steering_rad == pytest.approx(task.physics.max_steering_rad, abs=0.01)
 
 
-def test_a_lidar_that_misses_the_height_band_is_refused(tmp_path: Path) -> None:
-    path = OwnCar(lidar='<origin xyz="0.1 0 3.0"/>').write(tmp_path)
-    with pytest.raises(RobotError, match=r"sees no wall.*lidar_mount"):
+@pytest.mark.parametrize(
+    ("height_m", "said"),
+    [
+        (3.0, r"sees no wall at all.*lidar_mount"),
+        # 0.15 m above the band its beams enter it 0.56 m away: outside the sides of the car, inside its length.
+        (0.95, r"sees no wall nearer than 0\.5\d m, beyond its outline \(.*right.*left.*\): its beams pass above"),
+    ],
+)
+def test_a_lidar_that_misses_the_height_band_beside_the_car_is_refused(
+    tmp_path: Path, height_m: float, said: str
+) -> None:
+    path = OwnCar(lidar=f'<origin xyz="0.1 0 {height_m}"/>').write(tmp_path)
+    with pytest.raises(RobotError, match=said):
         Drive(TaskConfig(robot=str(path)), load_world("track_2"))
 
 

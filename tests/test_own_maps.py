@@ -235,3 +235,13 @@ def test_a_speckled_map_is_refused_at_once_and_one_of_many_specks_is_read(load: 
     assert load(Image.fromarray(cells), start=Pose2(3.0, 5.0, 0.0)).walls.area == pytest.approx(
         (cells == 0).sum() * 0.05**2, rel=0.06
     )
+
+
+@pytest.mark.parametrize("short_m", [0.0, 0.05], ids=["from wall to wall", "short of the walls"])
+def test_an_open_line_beside_a_centre_line_may_end_short_of_walls_of_cells(load: Load, short_m: float) -> None:
+    cells = np.zeros(SIZE, dtype=bool)
+    cells[28:32, 10:100] = cells[52:56, 10:100] = cells[28:56, 10:14] = True  # rows go downwards from y = 4 m
+    keys = f"unknown: free\nopen_line: [[4.8, {1.4 + short_m}], [4.8, {2.4 - short_m}]]\n"
+    keys += "centre_line: [[1.0, 1.9], [7.0, 1.9]]\nstart: {pose: [1.5, 1.9, 0]}\n"
+    world = load(Image.fromarray(np.where(cells, 0, 254).astype(np.uint8)), keys=keys, start=None)
+    assert world.free_space.bounds == pytest.approx((0.7, 1.4, 4.8, 2.4), abs=0.01)

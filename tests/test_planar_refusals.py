@@ -107,7 +107,10 @@ def test_margins_by_family_that_cannot_be_meant_are_refused(margin_m: dict[str, 
     [
         (TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)), "sees no wall nearer than 2.43 m"),
         (
-            TaskConfig(flatten=FlattenConfig(height_min_m=0.9, height_max_m=2.0)),
+            TaskConfig(
+                lidar=LidarConfig(elevation_min_rad=-0.6, elevation_max_rad=0.6),
+                flatten=FlattenConfig(height_min_m=0.81, height_max_m=2.0),
+            ),
             "no lidar channel meets a wall of 0.8 m within the height band",
         ),
         (

@@ -11,10 +11,12 @@ from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import load_policy
-from zebrat_bullet.config_text import to_json
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.config_text import to_json, with_overrides
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.generated import judge_generated
+from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
@@ -121,6 +123,32 @@ def test_tracks_that_are_judged_are_never_trained_on():
 def test_tracks_that_there_are_not_are_refused(settings: dict[str, object], said: str):
     with pytest.raises(ConfigError, match=said):
         PlanarConfig(**settings)
+
+
+def test_a_run_may_know_no_track_but_ones_own_and_choose_its_best_policy_there(tmp_path: Path, monkeypatch):
+    judged: list[list[str]] = []
+    make = PlanarDrive.__init__
+
+    def note(self: PlanarDrive, task: TaskConfig, worlds: list[World], *rest: object, **settings: object) -> None:
+        judged.append([world.name for world in worlds])
+        make(self, task, worlds, *rest, **settings)
+
+    monkeypatch.setattr("zebrat_bullet.training.run.PlanarDrive", type("Noted", (PlanarDrive,), {"__init__": note}))
+    general = tiny()
+    planar = replace(general.planar, n_tracks=0, n_eval_tracks=0)
+    own = replace(general, worlds=("track_2", "track_4"), planar=planar, steps=STEPS)
+    train(own, tmp_path / "own")
+    train(replace(own, eval_worlds=("track_5",)), tmp_path / "other")
+    train(replace(own, eval_worlds=("track_5",), planar=replace(planar, n_eval_tracks=1)), tmp_path / "both")
+    assert judged == [["track_2", "track_4"], ["track_5"], ["track_5", f"generated-{VALIDATION_SEED}"]]
+    assert "best" in json.loads((tmp_path / "own" / "summary.json").read_text())
+    with pytest.raises(ConfigError, match="nothing to choose the best policy by: name eval_worlds"):
+        replace(general, worlds=(), planar=replace(general.planar, n_eval_tracks=0))
+
+
+def test_a_term_of_the_reward_that_is_none_is_refused_before_any_track_is_drawn():
+    with pytest.raises(ConfigError, match="unknown reward term 'S'; valid terms are: F, O, M, T, W"):
+        with_overrides(tiny(), ["task.reward.weights.S=0.5"])
 
 
 def test_a_run_learns_on_the_families_and_the_difficulty_that_it_names(tmp_path: Path, monkeypatch):

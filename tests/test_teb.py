@@ -406,6 +406,8 @@ def test_turning_to_and_fro_on_the_spot_is_held_to_one_direction_for_a_while() -
         ("min_samples=2", "got 2 and 100"),
         ("acc_lim_x_mps2=0", "acc_lim_x_mps2 must be above 0, got 0"),
         ("max_global_plan_lookahead_dist_m=0", "max_global_plan_lookahead_dist_m must be above 0, got 0"),
+        ("inflation_radius_m=-3", r"inflation_radius_m must be 0 to 1e\+06, got -3"),
+        ("weight_obstacle=nan", r"weight_obstacle must be 0 to 1e\+06, got nan"),
         ("no_inner_iterations=0", "no_inner_iterations must be at least 1, got 0"),
         ("radius=1", "cannot set 'radius=1': write key=value with a key of costmap, dt_ref_s"),
     ],

@@ -41,6 +41,11 @@ CASES = {
         "0.55 m wide",
         "widen",
     ),
+    "a passage narrower than the car, where it starts": (
+        HEAD + "segments:\n  - {straight: 4.0, width: 0.4}\n",
+        "0.40 m wide and the car 0.60 m",
+        "widen",
+    ),
     "an obstacle that blocks the way": (
         GOOD + "obstacles:\n  - {post: [3.0, 0.0], radius: 0.3}\n",
         "width:",

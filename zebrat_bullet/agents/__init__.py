@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
+from zebrat_bullet.agents.own import load_own
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig
@@ -17,21 +18,23 @@ from zebrat_bullet.sensing.safety_region import make_region
 
 __all__ = ["PRIVILEGES", "Agent", "load_agent", "trained_task"]
 
+_CODE = ".py"
 Factory = Callable[[TaskConfig, Sequence[str]], Agent]
 """Makes an agent for a task, its config varied by "key=value" texts; imports what it needs only then."""
 
 
 def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) -> Agent:
-    """Return an agent by name ("random", "shipped", ...), by policy file, or by training run folder (its best policy).
+    """Return an agent by name ("random", "shipped", ...), policy file, training run folder (its best policy), or code.
 
     Args:
         name_or_path: which agent; those of `FACTORIES` may carry settings: "dwa:inflation_radius_m=0.5,vx_samples=10".
+            "my_driver.py:HalfSpeed" runs that file and takes HalfSpeed(task).
         task: the task it will drive in: the robot, the limits of its commands.
         noise_sigma: Gaussian noise on its commands, as a fraction of the limits.
 
     Raises:
         AssetError: there is no such agent; the message lists those there are.
-        ConfigError: the agent has no such setting.
+        ConfigError: the agent has no such setting, or its own code fails.
         PolicyError: the file is not a policy of this package, or its car watched its outline in another order.
     """
     task = fitted(task)
@@ -50,7 +53,8 @@ def trained_task(name_or_path: str) -> TaskConfig | None:
         AssetError, PolicyError: as `load_agent`.
         ConfigError: what it says is no valid task.
     """
-    if name_or_path.partition(":")[0] in FACTORIES:
+    name = name_or_path.partition(":")[0]
+    if name in FACTORIES or name.endswith(_CODE):
         return None
     task = _load_policy(name_or_path).provenance.get("config", {})
     task = task.get("task") if isinstance(task, dict) else None
@@ -63,6 +67,8 @@ def _load(name_or_path: str, task: TaskConfig) -> Agent:
         agent = FACTORIES[name](task, settings.split(",") if settings else [])
         agent.name = name_or_path
         return agent
+    if name.endswith(_CODE):
+        return load_own(name_or_path, task)
     return _load_policy(name_or_path)
 
 
@@ -74,7 +80,8 @@ def _load_policy(name_or_path: str) -> PolicyAgent:
     except AssetError as error:
         known = ", ".join([*FACTORIES, *list_assets("policies", ".safetensors")])
         raise AssetError(
-            f"no agent {shown(name_or_path)!r}: name one of {known}, a .safetensors policy, or a training run folder"
+            f"no agent {shown(name_or_path)!r}: name one of {known}, a .safetensors policy, a training run folder, or "
+            "a driver of your own, FILE.py:NAME"
         ) from error
 
 

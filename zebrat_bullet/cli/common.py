@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 TRACKS = ("big_track", *(f"track_{i}" for i in range(1, 9)))
 
+_PICTURES = (".png", ".svg", ".pdf", ".jpg")
 _ENGINE_NAMES = {"bullet": "PyBullet", "mujoco": "MuJoCo"}
 
 Result = tuple[Mapping[str, object], str]
@@ -174,6 +175,17 @@ def of_engine(arguments: argparse.Namespace) -> str:
 def file_name(agent: str) -> str:
     """Return an agent's name or path as part of a file name."""
     return Path(agent).name.removesuffix(".safetensors").replace(":", "-").replace(",", "-")
+
+
+def picture(path: Path) -> Path:
+    """Return where a picture is to be written.
+
+    Raises:
+        ConfigError: its ending is of no picture that can be.
+    """
+    if path.suffix not in _PICTURES:
+        raise ConfigError(f"{path} is to be a picture: end it in {', '.join(_PICTURES)}")
+    return path
 
 
 def note(arguments: argparse.Namespace, message: str) -> None:

@@ -133,6 +133,8 @@ def video(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.agents.supervised import supervised
     from zebrat_bullet.evaluation.judge import require_winnable_by
     from zebrat_bullet.evaluation.rollout import run_episode
+    from zebrat_bullet.report.mp4 import check_mp4
+    from zebrat_bullet.report.video import DEFAULT_SIZE
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
@@ -140,6 +142,9 @@ def video(arguments: argparse.Namespace) -> Result:
     _sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
+    name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
+    arguments.out = arguments.out or Path("results") / name
+    check_mp4(arguments.out, DEFAULT_SIZE)
     world = load_world(reference, robot=load_robot(task.robot))
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     require_winnable_by(agent, world)
@@ -148,8 +153,6 @@ def video(arguments: argparse.Namespace) -> Result:
     drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
-    name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
-    arguments.out = arguments.out or Path("results") / name
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"

@@ -45,7 +45,7 @@ def main(argv: list[str] | None = None) -> int:
     warnings.formatwarning = _format_warning
     with _real_stdout() as stdout:
         try:
-            if "robot" in arguments:
+            if "robot" in arguments and arguments.run is not worlds.robots:  # that names its cars itself
                 name_robot(arguments)
             result, text = arguments.run(arguments)
         except PartialResultError as error:
@@ -54,28 +54,50 @@ def main(argv: list[str] | None = None) -> int:
         except ZebratError as error:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
             return 2
+        except OSError as error:
+            if not _was_asked_for(error, arguments):
+                return _ours(error, arguments)
+            said = f"{error.strerror}: {shown(error.filename)}"
+            print(f"zebrat {arguments.command}: cannot be written: {said}; name another place", file=sys.stderr)
+            return 2
         except KeyboardInterrupt:
             print(f"zebrat {arguments.command}: stopped", file=sys.stderr)
             return 130
         except Exception as error:
-            if arguments.debug:
-                raise
             if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("zebrat_bullet"):
+                if arguments.debug:
+                    raise
                 print(
                     f"zebrat {arguments.command}: needs {error.name}, which is not installed: pip install "
                     "zebrat-bullet, with all it depends on",
                     file=sys.stderr,
                 )
                 return 2
-            said = " ".join(shown(error, 500).split())
-            print(
-                f"zebrat {arguments.command}: this is a bug of ours: {type(error).__name__}: {said}; "
-                "run it again with --debug for the traceback, and send us that",
-                file=sys.stderr,
-            )
-            return 3
+            return _ours(error, arguments)
         print(json.dumps(result) if arguments.json else text, file=stdout)
     return status
+
+
+def _ours(error: Exception, arguments: argparse.Namespace) -> int:
+    """Say that an error is ours, or raise it with --debug; return the status."""
+    if arguments.debug:
+        raise error
+    said = " ".join(shown(error, 500).split())
+    print(
+        f"zebrat {arguments.command}: this is a bug of ours: {type(error).__name__}: {said}; "
+        "run it again with --debug for the traceback, and send us that",
+        file=sys.stderr,
+    )
+    return 3
+
+
+def _was_asked_for(error: OSError, arguments: argparse.Namespace) -> bool:
+    """Return whether what cannot be written is a path of the options, in it, or a folder above it."""
+    if not isinstance(error.filename, str):
+        return False
+    named = Path(error.filename).resolve()
+    wanted = [at.resolve() for at in vars(arguments).values() if isinstance(at, Path)]
+    return any(named.is_relative_to(at) or at.is_relative_to(named) for at in wanted)
 
 
 @contextmanager

@@ -70,7 +70,8 @@ def agents_option() -> argparse.ArgumentParser:
         "--agent",
         required=True,
         nargs="+",
-        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder",
+        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder, "
+        "my_driver.py:NAME",
     )
     return made
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.assets import list_assets
-from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, placed, robot_settings
+from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, picture, placed, robot_settings
 from zebrat_bullet.cli.options import place_options
 from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
 
@@ -39,6 +39,7 @@ def worlds(arguments: argparse.Namespace) -> Result:
         names, path = _generate(arguments, robot, folder), folder / "worlds.png"
     elif arguments.family or arguments.difficulty is not None:
         raise ConfigError("--family and --difficulty say what to --generate; add --generate N")
+    path = picture(path) if arguments.draw else path
     references = placed(arguments, [str(name) for name in names])
     loaded, refusals = _load(arguments, references, robot)
     if arguments.draw and loaded:
@@ -111,7 +112,7 @@ def robots(arguments: argparse.Namespace) -> Result:
         for name, at in seen.items()
     }
     if arguments.draw and seen:
-        path = arguments.out or Path("results") / "robots.png"
+        path = picture(arguments.out or Path("results") / "robots.png")
         path.parent.mkdir(parents=True, exist_ok=True)
         draw_regions(seen, config, path)
         note(arguments, f"drew {path}")

@@ -8,7 +8,7 @@ from zebrat_bullet.config.car import (
     DynamicsConfig,
     PhysicsConfig,
 )
-from zebrat_bullet.config.checks import MOST_SEED, Range, at_least_one, shares, within
+from zebrat_bullet.config.checks import MOST_SEED, Range, at_least_one, none_negative, shares, within
 from zebrat_bullet.config.senses import (
     CASTERS,
     VLP16_NOISE,
@@ -51,6 +51,7 @@ __all__ = [
     "SafetyRegionConfig",
     "TaskConfig",
     "at_least_one",
+    "none_negative",
     "require_planar_cars",
     "shares",
     "with_engine",

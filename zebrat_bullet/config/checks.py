@@ -1,5 +1,8 @@
 """Checks that settings share, and the kinds of value that several hold."""
 
+from dataclasses import fields
+from typing import Any
+
 from zebrat_bullet.errors import ConfigError
 
 MOST_SEED = 2**31 - 1
@@ -25,6 +28,12 @@ def within(config: object, **bounds: tuple[float, float]) -> None:
         for each in value if isinstance(value, tuple) else (value,):
             # A number that is none compares as False with both.
             require(each is None or least <= each <= most, f"{name} must be {least:g} to {most:g}, got {each}")
+
+
+def none_negative(config: Any) -> None:
+    """Raise a ConfigError unless every number of a settings dataclass, alone or in a tuple, is 0 to a million."""
+    names = [each.name for each in fields(config) if isinstance(getattr(config, each.name), int | float | tuple)]
+    within(config, **dict.fromkeys(names, (0.0, 1e6)))
 
 
 def at_least_one(config: object, *names: str) -> None:

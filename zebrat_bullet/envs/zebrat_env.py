@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import shapely
 from gymnasium import spaces
 from numpy.typing import NDArray
 
@@ -122,8 +123,8 @@ class ZebratEnv(gymnasium.Env):
         rng = np.random.default_rng([self._seed, self._n_episodes])
         self._n_episodes += 1
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
-        if pose is not None and footprint_hits(world.walls, self.drive.robot.footprint_base, pose):
-            raise ConfigError(f"options['pose'] {tuple(pose)} puts the car into a wall of {world.name!r}; move it")
+        if pose is not None:
+            _check_pose(pose, world, self.drive.robot.footprint_base)
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
         self._begun, self._actions = {"episode": self._n_episodes - 1, "pose": pose}, []
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)
@@ -249,7 +250,7 @@ def varied(
         task,
         robot=task.robot if robot is None else str(robot),
         noise=task.noise if noise is None else from_plain(NoiseConfig, noise),
-        lidar=replace(task.lidar, caster=caster or task.lidar.caster),
+        lidar=task.lidar if caster is None else replace(task.lidar, caster=caster),
     )
 
 
@@ -269,6 +270,18 @@ def _options(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | Non
     if pose is not None and not np.isfinite([pose.x, pose.y, pose.yaw]).all():
         raise ConfigError(f"options['pose'] must be finite, got {pose}")
     return None if number is None else int(number), pose
+
+
+def _check_pose(pose: Pose2, world: World, footprint_base: NDArray[np.float64]) -> None:
+    """Refuse a pose in a wall, or off the ground that the world's walls and its floor reach over."""
+    if footprint_hits(world.walls, footprint_base, pose):
+        raise ConfigError(f"options['pose'] {tuple(pose)} puts the car into a wall of {world.name!r}; move it")
+    x0, y0, x1, y1 = shapely.GeometryCollection([world.walls, world.free_space]).bounds
+    if not (x0 <= pose.x <= x1 and y0 <= pose.y <= y1):
+        raise ConfigError(
+            f"options['pose'] {tuple(pose)} lies outside {world.name!r}, x {x0:.2f} to {x1:.2f}, y {y0:.2f} to "
+            f"{y1:.2f} m; move it"
+        )
 
 
 def spaces_of(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:

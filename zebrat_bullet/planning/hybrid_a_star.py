@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zebrat_bullet.config import none_negative
 from zebrat_bullet.errors import ConfigError, PlanError
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, footprint_about_axle, sweep_factor
 from zebrat_bullet.planning.arc_search import Cells, Field, Found, Goal, Moves, distances_to, search, separation
@@ -69,6 +70,7 @@ class HybridAStarConfig:
     max_nodes: int = 200_000
 
     def __post_init__(self) -> None:
+        none_negative(self)
         if not (self.arc_m > 0 and self.cell_m > 0 and self.n_yaw >= 8 and self.n_steering >= 3):
             raise ConfigError(
                 f"a search needs arc_m and cell_m above 0, n_yaw of at least 8 and n_steering of at least 3, got {self}"

@@ -15,6 +15,7 @@ from zebrat_bullet.geometry import to_world
 from zebrat_bullet.report.track_figure import CAR, EXIT, WALL, patch
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.free_start import free_start
+from zebrat_bullet.world.validate import stands_free
 from zebrat_bullet.world.world import World
 
 _FREE, _UNKNOWN = "#7a4fd0", "#f1d9a7"
@@ -48,7 +49,7 @@ def _draw(axes: Axes, world: World, footprint: NDArray[np.float64]) -> None:
     if len(world.waypoints):
         axes.plot(*world.waypoints.T, color=EXIT, marker="x", linestyle="none")
     _draw_car(axes, footprint, world.start.pose, CAR, "start")
-    free = free_start(world, footprint)
+    free = None if stands_free(world, footprint) else free_start(world, footprint)
     if free is not None:
         _draw_car(axes, footprint, free, _FREE, "would be free")
     shown = shapely.GeometryCollection([world.walls, shapely.Point(world.start.pose.x, world.start.pose.y)])

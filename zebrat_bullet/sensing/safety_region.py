@@ -114,7 +114,7 @@ class SafetyRegion:
     def _missed_sides(self, indices: NDArray[np.intp], resolution_m: float, n_bearings: int) -> NDArray[np.float64]:
         """Return the middle bearing of the scan for each long enough side that it meets and `indices` do not."""
         beams = beam_bearings(n_bearings)
-        met = _leave(self.outline_lidar, beams)[0]
+        met = leave_outline(self.outline_lidar, beams)[0]
         lengths = np.hypot(*(np.roll(self.outline_lidar, -1, axis=0) - self.outline_lidar).T)
         long_enough = np.flatnonzero(lengths > resolution_m * (1.0 - 1e-9))
         missed = np.setdiff1d(np.intersect1d(met, long_enough), met[indices])
@@ -194,12 +194,19 @@ def _scan_indices(bearings: NDArray[np.float64], n_bearings: int) -> NDArray[np.
 
 def _outline_points(outline: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (P, 2) points where rays from the lidar at these bearings leave the convex outline around it."""
-    ranges = _leave(outline, bearings)[1]
+    ranges = leave_outline(outline, bearings)[1]
     return np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
 
 
-def _leave(outline: NDArray[np.float64], bearings: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the (P,) sides through which rays at these bearings leave the outline, and their (P,) ranges in m."""
+def leave_outline(
+    outline: NDArray[np.float64], bearings: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the (P,) sides through which rays at these bearings leave a convex outline, and their (P,) ranges in m.
+
+    Args:
+        outline: (K, 2) counter-clockwise about the lidar, which stands inside of it, in m.
+        bearings: (P,) in rad.
+    """
     sides = np.roll(outline, -1, axis=0) - outline
     normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1)
     offsets = np.einsum("kd,kd->k", normals, outline)

@@ -1,24 +1,26 @@
 """Whether a car's lidar, where it is mounted, sees a wall that stands beside the car."""
 
 import numpy as np
+import shapely
 
 from zebrat_bullet.config import FlattenConfig, LidarConfig
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.sensing.beams import beam_directions
+from zebrat_bullet.sensing.safety_region import leave_outline
 
 _N_SECTORS = 8
 _SECTORS = ("back", "back right", "right", "front right", "ahead", "front left", "left", "back left")
 
 
 def check_sight(robot: RobotModel, lidar: LidarConfig, flatten: FlattenConfig) -> None:
-    """Raise where the lidar sees no wall in some direction, or only one that is farther off than the car's own corners.
+    """Raise where the lidar sees no wall in some direction, or only one that stands away from the car's outline.
 
-    All it would say there is "open space", at once and wherever the car stands.
+    Of a wall right beside the car it would say "open space" there.
 
     Raises:
-        RobotError: no beam of some direction meets the height band nearer than that.
+        RobotError: no beam of some direction meets the height band before it leaves the outline.
     """
     directions = beam_directions(lidar) @ rotation_from_rpy(*robot.lidar_rpy).T
     level = np.hypot(directions[:, 0], directions[:, 1])
@@ -29,13 +31,16 @@ def check_sight(robot: RobotModel, lidar: LidarConfig, flatten: FlattenConfig) -
     first = np.where(np.minimum(out, lidar.range_max_m * level) >= np.maximum(into, 0.0), np.maximum(into, 0.0), np.inf)
     bearings = np.arctan2(directions[:, 1], directions[:, 0])
     sectors = np.round((bearings + np.pi) / (2.0 * np.pi) * _N_SECTORS).astype(int) % _N_SECTORS
-    nearest = np.full(_N_SECTORS, np.inf)
+    nearest, outside = np.full(_N_SECTORS, np.inf), np.full(_N_SECTORS, np.inf)
     np.minimum.at(nearest, sectors, first)
-    reach = float(np.hypot(*(np.asarray(robot.footprint_base) - robot.lidar_xyz_base[:2]).T).max())
-    blind = [name for name, at in zip(_SECTORS, nearest, strict=True) if at > reach]
+    body = shapely.Polygon(np.asarray(robot.footprint_base) - robot.lidar_xyz_base[:2]).convex_hull
+    outline = np.array(shapely.geometry.polygon.orient(body).exterior.coords)[:-1]
+    np.minimum.at(outside, sectors, first - np.maximum(leave_outline(outline, bearings)[1], 0.0))
+    blind = [name for name, at in zip(_SECTORS, outside, strict=True) if at > 0.0]
     if not blind:
         return
-    seen = "sees no wall at all" if np.isinf(nearest).all() else f"sees no wall nearer than {nearest.max():.2f} m"
+    least = nearest[outside > 0.0].max()
+    seen = "sees no wall at all" if np.isinf(least) else f"sees no wall nearer than {least:.2f} m, beyond its outline"
     raise RobotError(
         f"{robot.urdf_path}: the lidar, {height:.3f} m above the floor, {seen} ({', '.join(blind)}): its beams pass "
         f"above or below the height band of {flatten.height_min_m} to {flatten.height_max_m} m. Mount it level within "

@@ -204,6 +204,7 @@ class ObservationSpec:
         """
         try:
             index = int(action)
+            index = index if index == action else -1
         except (TypeError, ValueError, OverflowError):  # a text, no number, an array of several
             index = -1
         if not 0 <= index < len(DISCRETE_COMMANDS):

@@ -143,12 +143,16 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
         *training_worlds(config.worlds, config.task),
         *generate(range(planar.n_tracks), difficulty=planar.difficulty),
     ]
-    eval_worlds = list(generate(range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)))
+    own = config.eval_worlds or (() if planar.n_eval_tracks else config.worlds)
+    eval_worlds = [
+        *judging_worlds(own, config.task),
+        *generate(range(VALIDATION_SEED, VALIDATION_SEED + planar.n_eval_tracks)),
+    ]
     cars = PlanarVecEnv(
         PlanarVectorEnv(planar.n_cars, worlds, task=config.task, device=planar.device, margin_m=planar.margin_m)
     )
     cars.seed(config.seed)
-    n_judged = planar.n_eval_tracks * planar.n_eval_starts
+    n_judged = len(eval_worlds) * planar.n_eval_starts
     judge = PlanarDrive(_from_the_start(config.task), eval_worlds, n_judged, device=planar.device)
     # PPO learns between its rollouts, the others while they drive.
     driven = OverlappedVecEnv(cars) if algo in OFF_POLICY else cars

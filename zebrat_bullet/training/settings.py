@@ -7,6 +7,7 @@ from pathlib import Path
 from zebrat_bullet.config import MOST_SEED, LidarConfig, TaskConfig, at_least_one, require_planar_cars, shares, within
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.margins import Margins, margins_of
+from zebrat_bullet.task.rewards import check_weights
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learner_settings import DDPGConfig, Learner
 from zebrat_bullet.world import HELD_OUT_SEED, check_family
@@ -31,9 +32,9 @@ class PlanarConfig:
             is something to learn (Sampling For Learnability); 0: all alike.
         margin_m: walls so near to the outline count as touched while it learns; of a range each episode draws its own;
             by family of tracks, as in {narrowing: 0.002, other: [0.01, 0.03]}, where some leave less room.
-        n_eval_tracks, n_eval_starts: tracks of these families and of the seeds from `VALIDATION_SEED` on, and episodes
-            from the start of each, by which the best policy is chosen; sensor and dynamics drawn as in training, no
-            exploration.
+        n_eval_tracks, n_eval_starts: tracks of these families and of the seeds from `VALIDATION_SEED` on, beside the
+            run's `eval_worlds` (0: those alone, or if there are none the training worlds), and episodes from the start
+            of each, by which the best policy is chosen; sensor and dynamics drawn as in training, no exploration.
         eval_every_steps: steps between two evaluations, and between two checkpoints.
         gradient_steps: of DDPG and SAC, for each step of all cars; None for as many as there are cars, the paper's one
             for each transition.
@@ -52,11 +53,11 @@ class PlanarConfig:
     gradient_steps: int | None = None
 
     def __post_init__(self) -> None:
-        at_least_one(self, "n_cars", "n_eval_tracks", "n_eval_starts", "eval_every_steps")
+        at_least_one(self, "n_cars", "n_eval_starts", "eval_every_steps")
         if self.gradient_steps is not None:
             within(self, gradient_steps=(1, 2**18))
         shares(self, "curriculum")
-        within(self, n_cars=(1, 2**18), n_eval_tracks=(1, HELD_OUT_SEED - VALIDATION_SEED))
+        within(self, n_cars=(1, 2**18), n_eval_tracks=(0, HELD_OUT_SEED - VALIDATION_SEED))
         within(self, n_eval_starts=(1, _PLANAR_STARTS), eval_every_steps=(1, 10**12))
         margins_of(self.margin_m)
         if not self.families:
@@ -91,12 +92,12 @@ class TrainConfig:
         threads: torch threads.
         eval_every, eval_episodes: a noise-free evaluation every so many episodes, with so many in each world. PPO is
             judged and saved between two rollouts only, so it waits for the end of one (2,048 steps).
-        eval_worlds: where; empty for the training worlds' first.
+        eval_worlds: where; empty for the training worlds' first (of planar cars: see `planar.n_eval_tracks`).
         stop_at: the run ends with the first evaluation of this success rate; None for never.
         checkpoint_every: episodes between checkpoints, the most a killed run loses.
         watchdog: when a run that does not learn is named; only of runs in PyBullet.
-        planar: train on planar cars instead of PyBullet's; `n_envs`, `overlap`, `eval_every`, `eval_episodes`,
-            `eval_worlds` and `checkpoint_every` then have no meaning, and `worlds` may be empty.
+        planar: train on planar cars instead of PyBullet's; `n_envs`, `overlap`, `eval_every`, `eval_episodes` and
+            `checkpoint_every` then have no meaning, and `worlds` may be empty.
         task: the task driven; evaluations begin at the world's start wherever training does.
     """
 
@@ -126,10 +127,13 @@ class TrainConfig:
         within(self, n_envs=(1, 256), threads=(1, 256), seed=(0, MOST_SEED), eval_episodes=(1, 10_000))
         within(self, **dict.fromkeys(("episodes", "eval_every", "checkpoint_every"), (1, 10**9)))
         within(self, steps=(-math.inf, 10**12), max_minutes=(-math.inf, 1e7))
+        check_weights(self.task.reward)
         if not self.worlds and not (self.planar and self.planar.n_tracks):
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
         if self.planar:
             require_planar_cars(self.task)
+            if not (self.planar.n_eval_tracks or self.eval_worlds or self.worlds):
+                raise ConfigError("nothing to choose the best policy by: name eval_worlds, or set planar.n_eval_tracks")
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
         if self.max_minutes is not None and self.max_minutes <= 0:

@@ -28,7 +28,7 @@ _WAYPOINT_SPACING_M = 1.5
 # How far round the walls of a mesh or map the floor counts as its free space.
 _FLOOR_MARGIN_M = 8.0
 _HAIR_M = 1e-3
-# An open-space line without a centre line is drawn so much longer, as walls of cells have steps.
+# An open-space line that must part the way out is drawn so much longer, as walls of cells have steps.
 _INTO_WALLS_M = 0.2
 # So far beside the line it is told which side is inside.
 _BESIDE_M = 0.02
@@ -137,15 +137,8 @@ def _on_surfaces(
     Where it begins in a wall, that is the largest floor: the start is checked later, with the car.
     """
     floor = place.ground.difference(shapely.union_all([solid.outline for solid in place.solids]))
-    if spec.open_line is not None:
-        line = shapely.LineString(spec.open_line)
-        if spec.centre_line is None:
-            # Nothing but the line itself parts the way out from the place, so it must reach into the walls.
-            line = affinity.scale(line, *2 * [1.0 + 2 * _INTO_WALLS_M / line.length])
-        floor = floor.difference(line.buffer(_HAIR_M))
     pose = _start(spec.start, None).pose
-    here = [part for part in polygons_of(floor) if part.intersects(shapely.Point(pose.x, pose.y))]
-    reached = here[0] if here else _largest(floor, source)
+    reached = _reached(floor, pose, source) if spec.open_line is None else _before(spec, floor, pose, source)
     if spec.centre_line is None:
         if spec.open_line is None:
             return None, None, reached
@@ -154,11 +147,34 @@ def _on_surfaces(
     return track, open_line, reached
 
 
-def _outward(line: NDArray[np.float64], inside: shapely.Polygon, source: str) -> NDArray[np.float64]:
-    """Order the ends of a (2, 2) open-space line so that the way out, away from a floor, is to their right."""
+def _before(spec: WorldSpec, floor: shapely.Geometry, pose: Pose2, source: str) -> shapely.Polygon:
+    """Return the floor before the open-space line: as it is drawn, or if that leaves a gap beside it, longer."""
+    line = shapely.LineString(spec.open_line)
+    longer = affinity.scale(line, *2 * [1.0 + 2 * _INTO_WALLS_M / line.length])
+    if spec.centre_line is None:  # nothing but the line itself parts the way out, so it must reach into the walls
+        return _reached(floor.difference(longer.buffer(_HAIR_M)), pose, source)
+    drawn, lengthened = (_reached(floor.difference(each.buffer(_HAIR_M)), pose, source) for each in (line, longer))
+    right, left = _on_sides(np.array(spec.open_line, dtype=float), drawn)
+    return lengthened if right and left else drawn
+
+
+def _reached(floor: shapely.Geometry, pose: Pose2, source: str) -> shapely.Polygon:
+    """Return the part of a floor that holds a pose, or the largest."""
+    here = [part for part in polygons_of(floor) if part.intersects(shapely.Point(pose.x, pose.y))]
+    return here[0] if here else _largest(floor, source)
+
+
+def _on_sides(line: NDArray[np.float64], inside: shapely.Polygon) -> tuple[bool, bool]:
+    """Return whether a floor lies to the right, and to the left of the middle of a (2, 2) line."""
     along = (line[1] - line[0]) / math.dist(*line)
     right = _BESIDE_M * np.array([along[1], -along[0]])
     on_right, on_left = (bool(shapely.intersects_xy(inside, *(line.mean(axis=0) + side))) for side in (right, -right))
+    return on_right, on_left
+
+
+def _outward(line: NDArray[np.float64], inside: shapely.Polygon, source: str) -> NDArray[np.float64]:
+    """Order the ends of a (2, 2) open-space line so that the way out, away from a floor, is to their right."""
+    on_right, on_left = _on_sides(line, inside)
     if on_right == on_left:
         raise WorldError(
             f"{source}: open_line: it does not part the way out from where the car begins; let both its ends reach the "

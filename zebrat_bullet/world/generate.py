@@ -182,7 +182,12 @@ def _valid_track(
         assert world.open_line is not None
         if walls_are_whole(world.free_space, world.walls, world.open_line, spec.wall):
             return spec, world
-    raise WorldError(f"{name}: no valid track in {_MAX_TRIES} tries; take another seed or an easier difficulty")
+    length_m = float(np.ptp(robot.footprint_base[:, 0]))
+    raise WorldError(
+        f"{name}: no valid track in {_MAX_TRIES} tries for a car {length_m:.2f} m long and {car_width_m:.2f} m wide; "
+        "take another seed or an easier difficulty, or where the car is too large for any, worlds of your own "
+        "(docs/your_own_car.md)"
+    )
 
 
 def _check_closed(world: World) -> None:

@@ -43,9 +43,11 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     Raises:
         WorldError: names the file, the field and the remedy.
     """
+    if len(world.centre_line):
+        _check_width(world, robot, source)
     _check_start(world, robot, source)
     if len(world.centre_line):
-        _check_passage(world, robot, source)
+        _check_way_out(world, robot, source)
     if len(world.gates):
         _check_gates(world, robot, source)
     if len(world.centre_line) and world.open_line is not None:
@@ -77,19 +79,32 @@ def start_area(start: Start, footprint_base: NDArray[np.float64]) -> shapely.Pol
     return shapely.union_all(hulls)
 
 
-def _check_start(world: World, robot: RobotModel, source: str) -> None:
-    area = start_area(world.start, robot.footprint_base)
-    pose = world.start.pose
+def stands_free(world: World, footprint_base: NDArray[np.float64]) -> bool:
+    """Return whether a (K, 2) footprint stands on known free ground at every pose of the start's random range."""
+    area = start_area(world.start, footprint_base)
+    return _is_on_floor(world, area) and not _is_on_unknown(world, area)
+
+
+def _is_on_floor(world: World, area: shapely.Polygon) -> bool:
     # Only where it is close: to widen the floor of a large map takes long.
-    stands_free = world.free_space.contains(area) or world.free_space.buffer(1e-6).contains(area)
-    if not stands_free or area.intersects(world.walls):
+    on_floor = world.free_space.contains(area) or world.free_space.buffer(1e-6).contains(area)
+    return bool(on_floor and not area.intersects(world.walls))
+
+
+def _is_on_unknown(world: World, area: shapely.Polygon) -> bool:
+    return bool(area.intersection(world.unknown_ground).area > _LEAST_UNKNOWN_M2)
+
+
+def _check_start(world: World, robot: RobotModel, source: str) -> None:
+    area, pose = start_area(world.start, robot.footprint_base), world.start.pose
+    if not _is_on_floor(world, area):
         raise WorldError(
             f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands in a wall or outside the free space for "
             "some pose of its random range; move the start or make start.range_x_m, range_y_m, range_yaw_rad smaller"
             f"{_free_start(world, robot)}",
             at=(pose.x, pose.y),
         )
-    if area.intersection(world.unknown_ground).area > _LEAST_UNKNOWN_M2:
+    if _is_on_unknown(world, area):
         raise WorldError(
             f"{source}: start: at ({pose.x:.2f}, {pose.y:.2f}) the car stands on unknown ground of the map; move the "
             f"start to where it is mapped, or say `unknown: free` in a world file{_free_start(world, robot)}"
@@ -138,7 +153,7 @@ def _check_gates(world: World, robot: RobotModel, source: str) -> None:
             )
 
 
-def _check_passage(world: World, robot: RobotModel, source: str) -> None:
+def _check_width(world: World, robot: RobotModel, source: str) -> None:
     car_width = float(np.ptp(robot.footprint_base[:, 1]))
     narrow = int(np.argmin(world.widths_m))
     width = float(world.widths_m[narrow])
@@ -149,6 +164,10 @@ def _check_passage(world: World, robot: RobotModel, source: str) -> None:
             "widen that segment or move the obstacle there",
             at=(float(x), float(y)),
         )
+
+
+def _check_way_out(world: World, robot: RobotModel, source: str) -> None:
+    car_width = float(np.ptp(robot.footprint_base[:, 1]))
     room = shapely.get_parts(world.free_space.buffer(-car_width / 2))
     begin = world.start.pose
     near_start = shapely.Point(begin.x, begin.y).buffer(car_width)

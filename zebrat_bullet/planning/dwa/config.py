@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from zebrat_bullet.config import none_negative
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planning.local_costmap import check_costmap
 
@@ -76,6 +77,7 @@ class DwaConfig:
         for name in ("vx_samples", "vtheta_samples"):
             if getattr(self, name) < 2:
                 raise ConfigError(f"{name} must be at least 2, got {getattr(self, name)}")
+        none_negative(self)
 
 
 TUNED = DwaConfig(sim_time_s=3.0, vx_samples=10, occdist_scale=0.05, footprint_padding_m=0.0)

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from zebrat_bullet.config import PhysicsConfig
+from zebrat_bullet.config import PhysicsConfig, none_negative
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planning.local_costmap import check_costmap
 from zebrat_bullet.planning.teb.costs import Costs
@@ -109,6 +109,7 @@ class TebConfig:
         for name in ("no_inner_iterations", "no_outer_iterations"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"{name} must be at least 1, got {getattr(self, name)}")
+        none_negative(self)
 
 
 TUNED = TebConfig(min_obstacle_dist_m=0.15)

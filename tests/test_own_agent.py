@@ -1,0 +1,98 @@
+"""A driver of one's own out of a file: driven like any other, its mistakes told by file and line."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from zebrat_bullet.agents import load_agent, trained_task
+from zebrat_bullet.cli.main import main
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import AssetError, ConfigError
+from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.task.drive import Drive
+from zebrat_bullet.world import load_world
+
+DRIVER = """from helper import HALF
+from zebrat_bullet.types import Command
+
+
+class HalfSpeed:
+    name = "half-speed"
+    privileged = frozenset()
+
+    def __init__(self, task):
+        self.speed_mps = HALF * task.physics.max_speed_mps
+
+    def reset(self, seed):
+        self.seed = seed
+
+    def act(self, reading):
+        return Command(self.speed_mps, 0.0)
+
+
+def none(task):
+    raise LookupError("no weights")
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., str]:
+    """Returns what writes the driver, a text in it replaced by another, and returns the path of its file."""
+    (tmp_path / "helper.py").write_text("HALF = 0.5\n")
+
+    def written(old: str = "", new: str = "") -> str:
+        assert old in DRIVER
+        path = tmp_path / "mine.py"
+        path.write_text(DRIVER.replace(old, new, 1) if old else DRIVER)
+        return str(path)
+
+    return written
+
+
+def test_it_is_judged_in_processes_of_its_own_and_recorded_under_its_name(write, tmp_path: Path, capfd) -> None:
+    agent = f"{write()}:HalfSpeed"
+    assert trained_task(agent) is None
+    where = ["--worlds", "track_2", "--episodes", "2", "--workers", "2", "--caster", "embree", "--quiet"]
+    assert main(["evaluate", "--agent", agent, *where, "--out", str(tmp_path / "out"), "--json"]) == 0
+    scores = json.loads(capfd.readouterr().out)["track_2"]
+    assert (scores["collision"], scores["episodes"]) == (1.0, 2)
+    drive = Drive(TaskConfig(), load_world("track_2"))
+    record = run_episode(drive, load_agent(agent, TaskConfig()), 0, 0)
+    drive.close()
+    assert record.command[:, 0] == pytest.approx(0.3) and record.agent == "half-speed"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("self.seed = seed", "1 / 0", r"mine\.py, line 13: reset fails: ZeroDivisionError: division by zero"),
+        ("Command(self.speed_mps, 0.0)", "self.speed", r"mine\.py, line 16: act fails: AttributeError"),
+        ("Command(self.speed_mps, 0.0)", "0.3, 0.0", r"act returned \(0\.3, 0\.0\); return a Command"),
+        ("return Command(self.speed_mps, 0.0)", "pass", "act returned None; return a Command"),
+        ("class HalfSpeed:", "class HalfSpeed", r"mine\.py, line 5: the file fails: SyntaxError"),
+        ("helper", "no_such_helper", r"mine\.py, line 1: the file fails: ModuleNotFoundError"),
+        ('    name = "half-speed"\n', "", r"HalfSpeed has no name; an agent has name, privileged"),
+        ("frozenset()", '"pose"', "privileged is pose; it is a set of goal, map, pose, waypoint"),
+        ("frozenset()", '{"gps"}', "it is a set of goal, map, pose, waypoint"),
+    ],
+)
+def test_its_mistakes_are_told_by_file_and_line(write, old: str, new: str, said: str) -> None:
+    drive = Drive(TaskConfig(), load_world("track_2"))
+    with pytest.raises(ConfigError, match=said):
+        run_episode(drive, load_agent(f"{write(old, new)}:HalfSpeed", TaskConfig()), 0, 0)
+    drive.close()
+
+
+def test_a_factory_that_fails_and_names_that_there_are_not_are_refused(write) -> None:
+    file = write()
+    with pytest.raises(ConfigError, match=r"mine\.py, line 20: none\(task\) fails: LookupError: no weights"):
+        load_agent(f"{file}:none", TaskConfig())
+    for name in (":FullSpeed", ""):
+        with pytest.raises(AssetError, match=r"there are HalfSpeed, none: --agent .*mine\.py:NAME"):
+            load_agent(file + name, TaskConfig())
+    with pytest.raises(AssetError, match=r"no file .*yours\.py, named by --agent .*; it is FILE\.py:NAME"):
+        load_agent(file.replace("mine", "yours") + ":HalfSpeed", TaskConfig())
+    with pytest.raises(AssetError, match=r"or a driver of your own, FILE\.py:NAME"):
+        load_agent("half-speed", TaskConfig())

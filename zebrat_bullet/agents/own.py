@@ -1,0 +1,125 @@
+"""A driver of the user's own, out of a Python file: FILE.py:NAME."""
+
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from zebrat_bullet.agents.agent import PRIVILEGES, Agent
+from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
+from zebrat_bullet.files import is_file, shown
+from zebrat_bullet.types import Command, Reading
+
+_HAS_TO = "an agent has name, privileged, reset(seed) and act(reading) (docs/compare.md)"
+
+
+class OwnAgent:
+    """A driver from a file, each of whose mistakes is told by the file's name and line.
+
+    Args:
+        agent: what decides.
+        path: the file.
+    """
+
+    def __init__(self, agent: Agent, path: Path) -> None:
+        self._agent, self._path = agent, path
+        if missing := [name for name in ("name", "privileged", "reset", "act") if not hasattr(agent, name)]:
+            raise ConfigError(f"{path}: {type(agent).__name__} has no {', '.join(missing)}; {_HAS_TO}")
+        if not isinstance(agent.privileged, set | frozenset) or not agent.privileged <= PRIVILEGES:
+            raise ConfigError(
+                f"{path}: privileged is {shown(agent.privileged)}; it is a set of {', '.join(sorted(PRIVILEGES))}, "
+                "empty for none"
+            )
+        self.name, self.privileged = str(agent.name), frozenset(agent.privileged)
+
+    def reset(self, seed: int) -> None:
+        """Reset the agent.
+
+        Raises:
+            ConfigError: its code fails.
+        """
+        with _told(self._path, "reset"):
+            self._agent.reset(seed)
+
+    def act(self, reading: Reading) -> Command:
+        """Return the agent's command.
+
+        Raises:
+            ConfigError: its code fails, or what it returns is no command.
+        """
+        with _told(self._path, "act"):
+            command = self._agent.act(reading)
+        if not isinstance(command, Command):
+            raise ConfigError(
+                f"{self._path}: act returned {shown(command)}; return a Command(speed_mps, steering_rad) of "
+                "zebrat_bullet.types"
+            )
+        return command
+
+
+def load_own(file_and_name: str, task: TaskConfig) -> OwnAgent:
+    """Return a driver from a file, which is run for it: NAME(task), of a class or a function there.
+
+    What lies beside the file can be imported there.
+
+    Args:
+        file_and_name: FILE.py:NAME.
+        task: what it will drive in.
+
+    Raises:
+        AssetError: there is no such file, or no such name in it; the message lists those there are.
+        ConfigError: the file or what it names fails, or that is no agent.
+    """
+    file, _, name = file_and_name.partition(":")
+    path = Path(file)
+    if not is_file(path):
+        raise AssetError(f"no file {shown(file)}, named by --agent {shown(file_and_name)}; it is FILE.py:NAME")
+    module = _module(path)
+    made: Any = vars(module).get(name)
+    if not callable(made):
+        there = [key for key, at in vars(module).items() if getattr(at, "__module__", "") == module.__name__]
+        raise AssetError(
+            f"{path} has no class or function {shown(name)!r} that makes an agent; there are "
+            f"{', '.join(there) or 'none'}: --agent {file}:NAME"
+        )
+    return OwnAgent(_made(made, task, path, name), path)
+
+
+def _made(make: Callable[[TaskConfig], Agent], task: TaskConfig, path: Path, name: str) -> Agent:
+    with _told(path, f"{name}(task)"):
+        return make(task)
+
+
+def _module(path: Path) -> ModuleType:
+    """Run a file and return it as a module."""
+    spec = importlib.util.spec_from_file_location(f"zebrat_own_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses and pickle look for it
+    if (folder := str(path.resolve().parent)) not in sys.path:
+        sys.path.append(folder)
+    with _told(path, "the file"):
+        spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _told(path: Path, what: str) -> Iterator[None]:
+    """Tell what the user's code raises by file and line."""
+    try:
+        yield
+    except ZebratError:
+        raise
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == path.resolve()]
+        line = error.lineno if isinstance(error, SyntaxError) else lines[-1] if lines else None
+        where = f", line {line}" if line is not None else ""
+        raise ConfigError(
+            f"{path}{where}: {what} fails: {type(error).__name__}: {shown(error, 300)}; mend it"
+        ) from error
