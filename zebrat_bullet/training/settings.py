@@ -1,6 +1,5 @@
 """Settings of a training run: frozen, validated once, varied by `dataclasses.replace`."""
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -126,7 +125,6 @@ class TrainConfig:
             shares(self, "stop_at")
         within(self, n_envs=(1, 256), threads=(1, 256), seed=(0, MOST_SEED), eval_episodes=(1, 10_000))
         within(self, **dict.fromkeys(("episodes", "eval_every", "checkpoint_every"), (1, 10**9)))
-        within(self, steps=(-math.inf, 10**12), max_minutes=(-math.inf, 1e7))
         check_weights(self.task.reward)
         if not self.worlds and not (self.planar and self.planar.n_tracks):
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
@@ -136,8 +134,9 @@ class TrainConfig:
                 raise ConfigError("nothing to choose the best policy by: name eval_worlds, or set planar.n_eval_tracks")
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"steps must be at least 1, or null for no such limit; got {self.steps}")
-        if self.max_minutes is not None and self.max_minutes <= 0:
+        if self.max_minutes is not None and not self.max_minutes > 0:
             raise ConfigError(f"max_minutes must be above 0, or null for no such limit; got {self.max_minutes}")
+        within(self, steps=(1, 10**12), max_minutes=(0, 1e7))
 
 
 def require_init(config: TrainConfig) -> None:

@@ -111,7 +111,7 @@ def _numbers(key: str, values: Sequence[float], n: int) -> tuple[float, ...]:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError):
         numbers = ()
-    if len(numbers) != n:
+    if len(numbers) != n or not all(map(math.isfinite, numbers)):
         raise WorldError(f"{key}: takes {n} numbers{_SHAPES[key]}, got {shown(repr(values))}; give these")
     return numbers
 
