@@ -10,7 +10,7 @@ from trimesh.transformations import translation_matrix
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world import World, WorldNote, load_world
 
 START = Pose2(2.0, 2.0, 0.0)
 
@@ -87,6 +87,18 @@ def test_kilometres_are_millimetres_unless_the_file_says_otherwise(load: Callabl
     assert load(mesh, keys="scale: 0.01\noffset: [1, 2, 0]", start=Pose2(3, 4, 0)).walls.bounds == pytest.approx(
         (0.8, 1.8, 9.2, 6.2), abs=1e-6
     )
+
+
+def test_a_drawing_in_centimetres_is_taken_as_metres_and_that_is_said_also_where_it_is_refused(
+    load: Callable[..., World],
+) -> None:
+    mesh = room()
+    mesh.apply_scale(100.0)
+    with pytest.warns(WorldNote, match=r"taken as metres, 840 of them \(`scale: 0\.01`"):
+        assert load(mesh).walls.bounds == pytest.approx((-20.0, -20.0, 820.0, 420.0), abs=1e-3)
+    with pytest.warns(WorldNote, match="840 of them"), pytest.raises(WorldError, match="start"):
+        load(mesh, start=Pose2(-1.0, -1.0, 0.0))
+    assert load(mesh, keys="scale: 0.01").walls.bounds == pytest.approx((-0.2, -0.2, 8.2, 4.2), abs=1e-6)
 
 
 def test_a_slab_under_the_walls_is_the_floor(load: Callable[..., World]) -> None:

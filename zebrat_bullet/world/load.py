@@ -60,10 +60,10 @@ def load_world(
     robot = robot or default_robot()
     if spec.goal is not None or spec.waypoints is not None:
         world = _without_blind_line(world, spec, robot)
+    for said in world.notes:  # also where it is refused next: it may be why
+        warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
     check_closed(world, str(path))
     validate_world(world, robot, str(path))
-    for said in world.notes:
-        warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
     return replace(world, source=str(replace(reference, name=_source(path))))
 
 

@@ -27,6 +27,8 @@ OTHER_SUFFIXES = {
 _MOST_FACES = 2_000_000
 # Longer than this, a drawing is in millimetres, if its walls then are of a height that walls have.
 _LONGEST_M, _MM_HEIGHT_M = 1000.0, (0.2, 20.0)
+# Longer than this, one in metres is not what this car drives in.
+_LONG_M = 100.0
 _NEAR_FLOOR_M = 0.05
 # A slab under walls is at most so thick, and covers at least this share of the ground.
 _SLAB_M, _SLAB_SHARE, _ABOVE_SLAB_M = 0.5, 0.5, 0.3
@@ -131,6 +133,8 @@ def _turn_upright(body: trimesh.Trimesh, path: Path, spec: WorldSpec, notes: lis
     if scale is None and longest >= _LONGEST_M and _MM_HEIGHT_M[0] <= height <= _MM_HEIGHT_M[1]:
         scale = 0.001
         notes.append(f"{longest:.0f} long, so taken as millimetres (`scale: 1` in a world file says otherwise)")
+    elif scale is None and longest >= _LONG_M:
+        notes.append(f"taken as metres, {longest:.0f} of them (`scale: 0.01` in a world file if it is in centimetres)")
     body.vertices = body.vertices * (scale or 1.0) + np.array(spec.offset or (0.0, 0.0, 0.0))
 
 
