@@ -100,7 +100,7 @@ def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
     if (then.back, then.right, then.front, then.left) != (now.back, now.right, now.front, now.left):
         raise PolicyError(
             f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "
-            f"those of {task.robot!r}; train one with task.robot={task.robot}"
+            f"those of {task.robot!r}; train one: zebrat train --robot {task.robot}"
         )
 
 
