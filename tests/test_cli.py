@@ -229,13 +229,25 @@ def test_what_cannot_be_written_is_told_as_the_users_to_mend(command, said, tmp_
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_is_missing_inside_is_still_our_bug(tmp_path, monkeypatch, capfd):
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (FileNotFoundError(2, "No such file", "/somewhere/else.json"), 3),
+        (FileNotFoundError(2, "No such file", "here/scores.json"), 3),  # we should have written it
+        (PermissionError(13, "Permission denied", "/somewhere/else.json"), 3),
+        (PermissionError(13, "Permission denied", "here/scores.json"), 2),
+        (OSError(28, "No space left on device"), 2),
+    ],
+)
+def test_what_is_missing_inside_is_still_our_bug(error, status, tmp_path, monkeypatch, capfd):
     def fail(*arguments):
-        raise FileNotFoundError(2, "No such file", "/somewhere/else.json")
+        raise error
 
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("zebrat_bullet.assets.list_assets", fail)
-    assert main(["sets", "--out", str(tmp_path / "here")]) == 3
-    assert "this is a bug of ours: FileNotFoundError" in capfd.readouterr().err
+    assert main(["sets", "--out", "here"]) == status
+    said = capfd.readouterr().err
+    assert ("this is a bug of ours" if status == 3 else "sets: cannot be written: ") in said
 
 
 def test_what_is_wrong_with_a_car_that_is_listed_is_said_of_that_car(tmp_path, capfd):

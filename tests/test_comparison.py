@@ -175,6 +175,7 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
         ("episodes: 12,", "episodes: 0,", "episodes and tracks are at least 1"),
         ("seeds: [0]", "seeds: []", "seeds are whole numbers from 0 up, at least one"),
         ("asked: 8", "seeds: [3]\n    asked: 8", "budgets.all.seeds are [0], and none is among trainings.short.seeds"),
+        ("asked: 8", "seeds: [1, 1]\n    asked: 8", "seeds are whole numbers from 0 up, each once; got [1, 1]"),
         ("sim: planar", "sim: planar, worlds: [track_2]", "either worlds or sets"),
         ("trainings:", "trainings: [", "is not readable as YAML"),
     ],

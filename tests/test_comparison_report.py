@@ -242,7 +242,7 @@ def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_
     made = scale_section(Evidence(tables(runs=runs, learning=learning, episodes=drives)))
     (part,) = (part for part in made.parts if part.title == "The paper's algorithms, longer")
     *curves, grid = part.blocks
-    assert [at.name for at in curves] == ["curve_longer_0_1", "curve_longer_10"]
+    assert [at.name for at in curves] == ["curve_longer_1", "curve_longer_2"]
     assert b"DDPG FOMT, 2 seeds" in curves[0].data and b"DDPG FOMT, 1 seed<" in curves[1].data
     rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in grid.rows]
     short = ("2 of 2", "40 % (30-50)", "15 % (0-30)", "not driven", "25 % (0-50)", "50 % (25-75)")

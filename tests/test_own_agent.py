@@ -1,6 +1,7 @@
 """A driver of one's own out of a file: driven like any other, its mistakes told by file and line."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -75,6 +76,12 @@ def test_it_is_judged_in_processes_of_its_own_and_recorded_under_its_name(write,
         ("helper", "no_such_helper", r"mine\.py, line 1: the file fails: ModuleNotFoundError"),
         ('    name = "half-speed"\n', "", r"HalfSpeed has no name; an agent has name, privileged"),
         ("frozenset()", '"pose"', "privileged is pose; it is a set of goal, map, pose, waypoint"),
+        ("from helper", "import sys; sys.exit(3)\nfrom helper", r"mine\.py, line 1: the file fails: SystemExit: 3"),
+        (
+            "privileged = frozenset()",
+            "privileged = property(lambda self: 1 / 0)",
+            r"line 7: the agent fails: ZeroDivisionError",
+        ),
         ("frozenset()", '{"gps"}', "it is a set of goal, map, pose, waypoint"),
     ],
 )
@@ -96,3 +103,20 @@ def test_a_factory_that_fails_and_names_that_there_are_not_are_refused(write) ->
         load_agent(file.replace("mine", "yours") + ":HalfSpeed", TaskConfig())
     with pytest.raises(AssetError, match=r"or a driver of your own, FILE\.py:NAME"):
         load_agent("half-speed", TaskConfig())
+
+
+def test_two_drivers_of_one_name_have_each_its_own_neighbours_and_records(write, tmp_path: Path, capfd) -> None:
+    agents = []
+    for share in (0.5, 0.25):
+        folder = tmp_path / f"version-{share}"
+        folder.mkdir()
+        (folder / "helper.py").write_text(f"HALF = {share}\n")
+        (folder / "mine.py").write_text(Path(write()).read_text())
+        agents.append(f"{folder / 'mine.py'}:HalfSpeed")
+    made = [load_agent(agent, TaskConfig()) for agent in agents]
+    assert [agent.act(None).speed_mps for agent in made] == pytest.approx([0.3, 0.15])
+    assert "helper" not in sys.modules and not any(str(tmp_path) in place for place in sys.path)
+    where = ["--worlds", "track_2", "--episodes", "1", "--workers", "1", "--caster", "embree", "--quiet"]
+    assert main(["evaluate", "--agent", *agents, *where, "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert list(json.loads(capfd.readouterr().out)) == agents
+    assert len(list((tmp_path / "out").glob("*/scores.json"))) == 2

@@ -307,7 +307,10 @@ def test_limits_of_the_urdf_count_where_they_are_lower(tmp_path: Path, simulate:
     [
         (3.0, r"sees no wall at all.*lidar_mount"),
         # 0.15 m above the band its beams enter it 0.56 m away: outside the sides of the car, inside its length.
-        (0.95, r"sees no wall nearer than 0\.5\d m, beyond its outline \(.*right.*left.*\): its beams pass above"),
+        (
+            0.95,
+            r"sees no wall nearer than beyond the car's outline \(.*right 0\.5\d m.*left 0\.5\d m.*\): its beams",
+        ),
     ],
 )
 def test_a_lidar_that_misses_the_height_band_beside_the_car_is_refused(

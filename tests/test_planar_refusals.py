@@ -105,7 +105,10 @@ def test_margins_by_family_that_cannot_be_meant_are_refused(margin_m: dict[str, 
 @pytest.mark.parametrize(
     ("task", "said"),
     [
-        (TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)), "sees no wall nearer than 2.43 m"),
+        (
+            TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)),
+            "nearer than beyond the car's outline .*2.43 m",
+        ),
         (
             TaskConfig(
                 lidar=LidarConfig(elevation_min_rad=-0.6, elevation_max_rad=0.6),

@@ -1,9 +1,10 @@
 """A driver of the user's own, out of a Python file: FILE.py:NAME."""
 
+import hashlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -28,14 +29,17 @@ class OwnAgent:
 
     def __init__(self, agent: Agent, path: Path) -> None:
         self._agent, self._path = agent, path
-        if missing := [name for name in ("name", "privileged", "reset", "act") if not hasattr(agent, name)]:
+        with _told(path, "the agent"):
+            missing = [name for name in ("name", "privileged", "reset", "act") if not hasattr(agent, name)]
+            name, privileged = getattr(agent, "name", ""), getattr(agent, "privileged", ())
+        if missing:
             raise ConfigError(f"{path}: {type(agent).__name__} has no {', '.join(missing)}; {_HAS_TO}")
-        if not isinstance(agent.privileged, set | frozenset) or not agent.privileged <= PRIVILEGES:
+        if not isinstance(privileged, set | frozenset) or not privileged <= PRIVILEGES:
             raise ConfigError(
-                f"{path}: privileged is {shown(agent.privileged)}; it is a set of {', '.join(sorted(PRIVILEGES))}, "
+                f"{path}: privileged is {shown(privileged)}; it is a set of {', '.join(sorted(PRIVILEGES))}, "
                 "empty for none"
             )
-        self.name, self.privileged = str(agent.name), frozenset(agent.privileged)
+        self.name, self.privileged = str(name), frozenset(privileged)
 
     def reset(self, seed: int) -> None:
         """Reset the agent.
@@ -65,7 +69,7 @@ class OwnAgent:
 def load_own(file_and_name: str, task: TaskConfig) -> OwnAgent:
     """Return a driver from a file, which is run for it: NAME(task), of a class or a function there.
 
-    What lies beside the file can be imported there.
+    What lies beside the file can be imported while it runs, by no other driver than its own.
 
     Args:
         file_and_name: FILE.py:NAME.
@@ -79,33 +83,54 @@ def load_own(file_and_name: str, task: TaskConfig) -> OwnAgent:
     path = Path(file)
     if not is_file(path):
         raise AssetError(f"no file {shown(file)}, named by --agent {shown(file_and_name)}; it is FILE.py:NAME")
+    with _neighbours(path.resolve().parent):
+        return _loaded(path, name, task)
+
+
+def _loaded(path: Path, name: str, task: TaskConfig) -> OwnAgent:
     module = _module(path)
-    made: Any = vars(module).get(name)
-    if not callable(made):
+    make: Any = vars(module).get(name)
+    if not callable(make):
         there = [key for key, at in vars(module).items() if getattr(at, "__module__", "") == module.__name__]
         raise AssetError(
             f"{path} has no class or function {shown(name)!r} that makes an agent; there are "
-            f"{', '.join(there) or 'none'}: --agent {file}:NAME"
+            f"{', '.join(there) or 'none'}: --agent {path}:NAME"
         )
-    return OwnAgent(_made(made, task, path, name), path)
-
-
-def _made(make: Callable[[TaskConfig], Agent], task: TaskConfig, path: Path, name: str) -> Agent:
     with _told(path, f"{name}(task)"):
-        return make(task)
+        agent = make(task)
+    return OwnAgent(agent, path)
 
 
 def _module(path: Path) -> ModuleType:
     """Run a file and return it as a module."""
-    spec = importlib.util.spec_from_file_location(f"zebrat_own_{path.stem}", path)
+    name = "zebrat_own_" + hashlib.sha256(bytes(path.resolve())).hexdigest()[:16]
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses and pickle look for it
-    if (folder := str(path.resolve().parent)) not in sys.path:
-        sys.path.append(folder)
+    sys.modules[name] = module  # where dataclasses look for it
     with _told(path, "the file"):
         spec.loader.exec_module(module)
     return module
+
+
+@contextmanager
+def _neighbours(folder: Path) -> Iterator[None]:
+    """Let what lies in a folder be imported, and forget it afterwards: another driver's may have the same names."""
+    before = set(sys.modules)
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        for name in set(sys.modules) - before:
+            top = name.partition(".")[0]
+            if top not in before and _lies_in(top, folder):
+                del sys.modules[name]
+
+
+def _lies_in(module: str, folder: Path) -> bool:
+    file = getattr(sys.modules.get(module), "__file__", None) or ""
+    return file in (str(folder / f"{module}.py"), str(folder / module / "__init__.py"))
 
 
 @contextmanager
@@ -115,7 +140,7 @@ def _told(path: Path, what: str) -> Iterator[None]:
         yield
     except ZebratError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == path.resolve()]
         line = error.lineno if isinstance(error, SyntaxError) else lines[-1] if lines else None

@@ -177,6 +177,14 @@ def file_name(agent: str) -> str:
     return Path(agent).name.removesuffix(".safetensors").replace(":", "-").replace(",", "-")
 
 
+def file_names(agents: Sequence[str]) -> dict[str, str]:
+    """Return `file_name` of each agent; of all with their folders where two would be alike."""
+    names = {agent: file_name(agent) for agent in agents}
+    if len(set(names.values())) == len(names):
+        return names
+    return {agent: file_name(agent.replace("/", "-")) for agent in names}
+
+
 def picture(path: Path) -> Path:
     """Return where a picture is to be written.
 

@@ -5,7 +5,17 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, file_name, of_engine, own_task_of, placed, progress_bar
+from zebrat_bullet.cli.common import (
+    TRACKS,
+    AddCommand,
+    Result,
+    file_name,
+    file_names,
+    of_engine,
+    own_task_of,
+    placed,
+    progress_bar,
+)
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
 from zebrat_bullet.cli.options import (
     agents_option,
@@ -58,7 +68,8 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     for agent, task in tasks.items():
         load_agent(agent, task)  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
-    every = {agent: _evaluate_one(arguments, agent, out / file_name(agent), task)[0] for agent, task in tasks.items()}
+    names = file_names(arguments.agent)
+    every = {agent: _evaluate_one(arguments, agent, out / names[agent], task)[0] for agent, task in tasks.items()}
     table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))

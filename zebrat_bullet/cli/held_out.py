@@ -13,6 +13,7 @@ from zebrat_bullet.cli.common import (
     PartialResultError,
     Result,
     file_name,
+    file_names,
     of_engine,
     own_task_of,
     progress_bar,
@@ -108,9 +109,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         workers=_workers(arguments),
         task=tasks[arguments.agent[0]],
     )
-    names = {agent: file_name(agent) for agent in arguments.agent}
-    if len(set(names.values())) < len(names):  # the best policies of two runs
-        names = {agent: file_name(agent.replace("/", "-")) for agent in names}
+    names = file_names(arguments.agent)
 
     def keep(agent: str, driven: Sequence[SetTrack], endings: Endings) -> None:
         made = set_episodes(agent, tracks.name, arguments.sim, arguments.seed, driven, endings)

@@ -1,6 +1,7 @@
 """Parses, calls one command, prints: results on standard output, everything else on standard error."""
 
 import argparse
+import errno
 import json
 import os
 import sys
@@ -36,6 +37,12 @@ from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
 
 _python_format = warnings.formatwarning
+_WRITTEN = ("out", "map", "certify")
+"""Options that name what is written."""
+_NOT_WRITABLE = (
+    *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
+    errno.ENAMETOOLONG,
+)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -55,9 +62,9 @@ def main(argv: list[str] | None = None) -> int:
             print(f"zebrat {arguments.command}: {error}", file=sys.stderr)
             return 2
         except OSError as error:
-            if not _was_asked_for(error, arguments):
+            if not _cannot_write(error, arguments):
                 return _ours(error, arguments)
-            said = f"{error.strerror}: {shown(error.filename)}"
+            said = f"{error.strerror}: {shown(error.filename)}" if error.filename else error.strerror
             print(f"zebrat {arguments.command}: cannot be written: {said}; name another place", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
@@ -91,13 +98,17 @@ def _ours(error: Exception, arguments: argparse.Namespace) -> int:
     return 3
 
 
-def _was_asked_for(error: OSError, arguments: argparse.Namespace) -> bool:
-    """Return whether what cannot be written is a path of the options, in it, or a folder above it."""
-    if not isinstance(error.filename, str):
+def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
+    """Return whether a path to write, or a folder above it, is none that can be written, or the disk is full."""
+    if error.errno == errno.ENOSPC:
+        return True
+    if error.errno not in _NOT_WRITABLE or not isinstance(error.filename, str):
         return False
     named = Path(error.filename).resolve()
-    wanted = [at.resolve() for at in vars(arguments).values() if isinstance(at, Path)]
-    return any(named.is_relative_to(at) or at.is_relative_to(named) for at in wanted)
+    wanted = [at.resolve() for at in map(vars(arguments).get, _WRITTEN) if isinstance(at, Path)]
+    # What is missing in a folder that is there is for us to write, and so our mistake.
+    inside = error.errno != errno.ENOENT
+    return any(at.is_relative_to(named) or (inside and named.is_relative_to(at)) for at in wanted)
 
 
 @contextmanager

@@ -48,6 +48,9 @@ class Training:
     kept_seeds: tuple[int, ...] = ()
     policies: str = ""
 
+    def __post_init__(self) -> None:
+        _check_seeds(self.seeds)
+
     def seeds_of(self, wanted: Sequence[int]) -> tuple[int, ...]:
         """Return the seeds that it has in a budget that wants these."""
         return tuple(seed for seed in wanted if not self.seeds or seed in self.seeds)
@@ -169,8 +172,9 @@ class Budget:
     records: str = ""
 
     def __post_init__(self) -> None:
-        if not self.seeds or len(set(self.seeds)) != len(self.seeds) or min(self.seeds) < 0:
-            raise ConfigError(f"seeds are whole numbers from 0 up, at least one and each once; got {self.seeds}")
+        if not self.seeds:
+            raise ConfigError("seeds are whole numbers from 0 up, at least one; got none")
+        _check_seeds(self.seeds)
         _known("anew", self.anew, self.trainings)
 
 
@@ -220,6 +224,11 @@ class Manifest:
         if name not in self.budgets:
             raise ConfigError(f"no budget {shown(name)!r}; there are {', '.join(self.budgets)}")
         return self.budgets[name]
+
+
+def _check_seeds(seeds: Sequence[int]) -> None:
+    if len(set(seeds)) != len(seeds) or min(seeds, default=0) < 0:
+        raise ConfigError(f"seeds are whole numbers from 0 up, each once; got {list(seeds)}")
 
 
 def _known(where: str, names: Iterable[str], known: Collection[str]) -> None:

@@ -36,13 +36,16 @@ def check_sight(robot: RobotModel, lidar: LidarConfig, flatten: FlattenConfig) -
     body = shapely.Polygon(np.asarray(robot.footprint_base) - robot.lidar_xyz_base[:2]).convex_hull
     outline = np.array(shapely.geometry.polygon.orient(body).exterior.coords)[:-1]
     np.minimum.at(outside, sectors, first - np.maximum(leave_outline(outline, bearings)[1], 0.0))
-    blind = [name for name, at in zip(_SECTORS, outside, strict=True) if at > 0.0]
-    if not blind:
+    blind = [name for name, at in zip(_SECTORS, nearest, strict=True) if np.isinf(at)]
+    late = [i for i in range(_N_SECTORS) if 0.0 < outside[i] < np.inf]
+    if not blind and not late:
         return
-    least = nearest[outside > 0.0].max()
-    seen = "sees no wall at all" if np.isinf(least) else f"sees no wall nearer than {least:.2f} m, beyond its outline"
+    said = [f"sees no wall at all ({', '.join(blind)})"] if blind else []
+    if late:
+        where = ", ".join(f"{_SECTORS[i]} {nearest[i]:.2f} m" for i in late)
+        said.append(f"sees no wall nearer than beyond the car's outline ({where})")
     raise RobotError(
-        f"{robot.urdf_path}: the lidar, {height:.3f} m above the floor, {seen} ({', '.join(blind)}): its beams pass "
+        f"{robot.urdf_path}: the lidar, {height:.3f} m above the floor, {' and '.join(said)}: its beams pass "
         f"above or below the height band of {flatten.height_min_m} to {flatten.height_max_m} m. Mount it level within "
         "the band (lidar_mount), or change flatten.height_min_m, flatten.height_max_m or the lidar's elevations"
     )

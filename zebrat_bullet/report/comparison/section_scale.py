@@ -247,22 +247,24 @@ def _longer(evidence: Evidence) -> list[Block]:
             rows.append((name, asked, seeds, *best, _share(judged), *out))
     head = ("set", "asked for", "seeds complete", "own evaluations: success", "collision", "Tracks 1-8, best seed")
     caption = (
-        "Own evaluations: the best policy of each run in 500 generated tracks; means over seeds, and in brackets from "
-        "the least to the greatest. Held out: the best seed in the held-out tracks that need no reversing, dead ends "
-        "not among them. What neither leaves nor touches stalls or runs out of time."
+        "Own evaluations: the best policy of each run in the generated tracks that it was chosen by, so they flatter "
+        "all alike; means over seeds, and in brackets from the least to the greatest. Held out: the best seed in the "
+        "held-out tracks that need no reversing, dead ends not among them. What neither leaves nor touches stalls, "
+        "leaves where there is no exit, or runs out of time."
     )
-    drawn = [_longer_curve(evidence, asked) for asked in sorted(lengths, key=lambda asked: (lengths[asked], asked))]
+    by_length = sorted(lengths, key=lambda asked: (lengths[asked], asked))
+    drawn = [_longer_curve(evidence, asked, f"curve_longer_{n}") for n, asked in enumerate(by_length, start=1)]
     return [*filter(None, drawn), Grid((*head, "held out, best seed: success", "collision"), tuple(rows), caption)]
 
 
-def _longer_curve(evidence: Evidence, asked: str) -> Picture | None:
-    """Draw the noise-free evaluations of the runs of one length; None where there are none."""
+def _longer_curve(evidence: Evidence, asked: str, name: str) -> Picture | None:
+    """Draw the evaluations of the runs of one length; None where there are none."""
 
     def keep(run: dict[str, Any]) -> bool:
         return run["study"] == "paper-at-scale" and (run["asked"] or "") == asked
 
     if not (bands := learning_bands(evidence, "success", keep, "set", "total_steps")):
         return None
-    title = f"Success in noise-free evaluations, DDPG and SAC on generated tracks, {asked}"
+    title = f"Success in evaluations without exploration, DDPG and SAC on generated tracks, {asked}"
     drawn = draw_bands(bands, "steps", "success in evaluations")
-    return Picture(f"curve_longer_{asked.split()[0].replace('.', '_')}", drawn, title, title)
+    return Picture(name, drawn, title, title)
