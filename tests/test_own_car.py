@@ -309,7 +309,7 @@ def test_limits_of_the_urdf_count_where_they_are_lower(tmp_path: Path, simulate:
         # 0.15 m above the band its beams enter it 0.56 m away: outside the sides of the car, inside its length.
         (
             0.95,
-            r"sees no wall nearer than beyond the car's outline \(.*right 0\.5\d m.*left 0\.5\d m.*\): its beams",
+            r"sees walls only beyond the car's outline \(.*right from 0\.5\d m.*left from 0\.5\d m.*\): its beams",
         ),
     ],
 )

@@ -107,7 +107,7 @@ def test_margins_by_family_that_cannot_be_meant_are_refused(margin_m: dict[str, 
     [
         (
             TaskConfig(flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.1)),
-            "nearer than beyond the car's outline .*2.43 m",
+            "sees walls only beyond the car's outline .*from 2.43 m",
         ),
         (
             TaskConfig(

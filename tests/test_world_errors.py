@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from zebrat_bullet.errors import AssetError, WorldError
-from zebrat_bullet.world import load_world
+from zebrat_bullet.report.sketch import draw_sketches
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.world import load_world, sketch_world
 
 HEAD = "name: bad\n"
 GOOD = HEAD + "segments:\n  - {straight: 4.0, width: 1.5}\n"
@@ -112,3 +116,20 @@ def test_the_plain_track_that_the_bad_ones_vary_is_good(tmp_path: Path) -> None:
 def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(AssetError, match="big_track"):
         load_world("no_such_track")
+
+
+def test_a_start_in_python_that_is_no_number_is_refused_in_its_own_unit() -> None:
+    with pytest.raises(WorldError, match="start: takes 3 numbers, x, y in m and yaw in rad, got"):
+        load_world("track_2", start=(float("nan"), 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("start", "is_free"), [("at_m: 2.0", True), ("at_m: 0.2", False)])
+def test_a_sketch_shows_where_the_car_would_be_free_only_if_it_is_not_where_it_starts(
+    tmp_path: Path, start: str, is_free: bool
+) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text(GOOD + f"start: {{{start}}}\n")
+    draw_sketches([sketch_world(str(path))], tmp_path / "own.png", load_robot("zebrat").footprint_base)
+    picture = np.asarray(Image.open(tmp_path / "own.png").convert("RGB")).reshape(-1, 3)
+    violet = (np.abs(picture.astype(int) - (0x7A, 0x4F, 0xD0)) < 3).all(axis=1)
+    assert violet.any() != is_free

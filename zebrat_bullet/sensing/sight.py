@@ -42,8 +42,8 @@ def check_sight(robot: RobotModel, lidar: LidarConfig, flatten: FlattenConfig) -
         return
     said = [f"sees no wall at all ({', '.join(blind)})"] if blind else []
     if late:
-        where = ", ".join(f"{_SECTORS[i]} {nearest[i]:.2f} m" for i in late)
-        said.append(f"sees no wall nearer than beyond the car's outline ({where})")
+        where = ", ".join(f"{_SECTORS[i]} from {nearest[i]:.2f} m" for i in late)
+        said.append(f"sees walls only beyond the car's outline ({where})")
     raise RobotError(
         f"{robot.urdf_path}: the lidar, {height:.3f} m above the floor, {' and '.join(said)}: its beams pass "
         f"above or below the height band of {flatten.height_min_m} to {flatten.height_max_m} m. Mount it level within "

@@ -150,12 +150,13 @@ def _on_surfaces(
 def _before(spec: WorldSpec, floor: shapely.Geometry, pose: Pose2, source: str) -> shapely.Polygon:
     """Return the floor before the open-space line: as it is drawn, or if that leaves a gap beside it, longer."""
     line = shapely.LineString(spec.open_line)
+    if spec.centre_line is not None:
+        drawn = _reached(floor.difference(line.buffer(_HAIR_M)), pose, source)
+        if not all(_on_sides(np.array(spec.open_line, dtype=float), drawn)):
+            return drawn
+    # Without a centre line nothing but the line itself parts the way out, so it must reach into the walls.
     longer = affinity.scale(line, *2 * [1.0 + 2 * _INTO_WALLS_M / line.length])
-    if spec.centre_line is None:  # nothing but the line itself parts the way out, so it must reach into the walls
-        return _reached(floor.difference(longer.buffer(_HAIR_M)), pose, source)
-    drawn, lengthened = (_reached(floor.difference(each.buffer(_HAIR_M)), pose, source) for each in (line, longer))
-    right, left = _on_sides(np.array(spec.open_line, dtype=float), drawn)
-    return lengthened if right and left else drawn
+    return _reached(floor.difference(longer.buffer(_HAIR_M)), pose, source)
 
 
 def _reached(floor: shapely.Geometry, pose: Pose2, source: str) -> shapely.Polygon:

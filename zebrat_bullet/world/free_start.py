@@ -27,10 +27,7 @@ def free_start(world: World, footprint_base: NDArray[np.float64]) -> Pose2 | Non
     x, y = world.start.pose.x, world.start.pose.y
     # Near the start first: a large map takes long to search.
     near = shapely.clip_by_rect(among, x - _NEAR_M, y - _NEAR_M, x + _NEAR_M, y + _NEAR_M)
-    grounds = [lambda: near, lambda: among, lambda: known]
-    if not len(world.centre_line):  # where one leads, no other floor is the car's
-        grounds.append(lambda: _every_floor(world))
-    for ground in grounds:
+    for ground in (lambda: near, lambda: among, lambda: known, lambda: _every_floor(world)):
         found = _free_on(ground(), world, footprint_base)
         if found is not None:
             return found
