@@ -10,6 +10,9 @@ from PIL import Image
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_world, world_summary
+from zebrat_bullet.world.load import WorldNote
+from zebrat_bullet.world.ros_map import read_ros_map
+from zebrat_bullet.world.schema import StartSpec
 
 MAP = """image: map.pgm
 resolution: 0.05
@@ -99,6 +102,25 @@ def test_the_yaw_of_a_ros_map_origin_turns_it_about_its_lower_left_cell(tmp_path
     turned = write_map(tmp_path, MAP.replace("0.0]", "1.5707963]"))
     world = load_world(turned, start=Pose2(-3.0, 0.0, 0.0))
     assert world.walls.bounds == pytest.approx((-5.0, 4.0, -1.0, 4.1), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("0.0]", "90.0]"), "origin: the map is turned by 90 rad, as written; if degrees are meant, write 1.5708"),
+        (("resolution: 0.05", "resolution: 5"), "resolution: a cell is 5 m wide, as written; 0.05 is usual"),
+    ],
+)
+def test_an_implausible_number_of_a_ros_map_is_told(change: tuple[str, str], said: str, tmp_path: Path) -> None:
+    read = read_ros_map(write_map(tmp_path, MAP.replace(*change)), 1.0, "free", StartSpec())
+    assert read.notes == (said,)
+
+
+def test_a_goal_off_the_map_is_told(tmp_path: Path) -> None:
+    path = write_map(tmp_path)
+    with pytest.warns(WorldNote, match=r"goal: \(60\.00, 1\.00\) lies 53\.0 m off what is shown \(x -1\.00 to 7\.00"):
+        load_world(path, goal=(60.0, 1.0))
+    assert not any("goal" in note for note in load_world(path, goal=(3.0, 1.0)).notes)
 
 
 def test_cells_that_touch_at_a_corner_still_make_a_closed_mesh(tmp_path: Path) -> None:

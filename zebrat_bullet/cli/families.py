@@ -38,7 +38,8 @@ def families(arguments: argparse.Namespace) -> Result:
 
 def add(command: AddCommand) -> None:
     """Add the command of this file."""
-    made = command(families, *(agents_option(), task_options(), randomise_option(), reward_options()), workers_option())
+    agents = agents_option(planar_only=True)
+    made = command(families, *(agents, task_options(), randomise_option(), reward_options()), workers_option())
     made.set_defaults(sim="planar")
     made.add_argument("--families", nargs="+", metavar="FAMILY", help="(default: all)")
     made.add_argument("--tracks", type=int, default=100, help="of each family (default 100)")

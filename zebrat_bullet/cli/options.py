@@ -63,15 +63,21 @@ def reward_options() -> argparse.ArgumentParser:
     return made
 
 
-def agents_option() -> argparse.ArgumentParser:
-    """Return the option of one agent or several."""
+def agents_option(planar_only: bool = False) -> argparse.ArgumentParser:
+    """Return the option of one agent or several.
+
+    Args:
+        planar_only: nothing else drives but planar cars, which only policies can drive.
+    """
     made = argparse.ArgumentParser(add_help=False)
+    every = "shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder, "
     made.add_argument(
         "--agent",
         required=True,
         nargs="+",
-        help="shipped, il, dagger, dwa, dwa_tuned, teb:inflation_radius_m=0.5, oracle, a policy file, a run folder, "
-        "my_driver.py:NAME",
+        help="policies: shipped, allround, il, dagger, a policy file, a run folder"
+        if planar_only
+        else every + "my_driver.py:NAME",
     )
     return made
 

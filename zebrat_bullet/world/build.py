@@ -13,7 +13,7 @@ from shapely import affinity
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.elements import LOWEST_WALL_M, PolygonObstacle
-from zebrat_bullet.world.goal import circuit_from, lap_gates, point_gate
+from zebrat_bullet.world.goal import circuit_from, goal_off_ground, lap_gates, point_gate
 from zebrat_bullet.world.meshes import read_mesh
 from zebrat_bullet.world.niches import open_niches
 from zebrat_bullet.world.ros_map import read_ros_map
@@ -64,6 +64,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
     free_space = _largest(free_space.difference(walls), source) if obstacles else free_space
     waypoints = _waypoints(spec, track, begin_m, open_line)
     mesh = place.mesh if place is not None else None
+    gates = np.empty((0, 2, 2)) if open_line is not None else _gates(spec, waypoints, track, free_space, source)
     return World(
         name=spec.name,
         description=spec.description,
@@ -80,9 +81,9 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         turns_deg=tuple(turn for at, turn in track.turns if at > begin_m) if track else (),
         family=spec.family,
         difficulty=spec.difficulty,
-        gates=np.empty((0, 2, 2)) if open_line is not None else _gates(spec, waypoints, track, free_space, source),
+        gates=gates,
         unknown_ground=place.unknown if place is not None else shapely.MultiPolygon(),
-        notes=place.notes if place is not None else (),
+        notes=(*place.notes, *goal_off_ground(gates, place.ground)) if place is not None else (),
     )
 
 

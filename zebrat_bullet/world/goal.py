@@ -37,6 +37,16 @@ def point_gate(point: tuple[float, float] | NDArray[np.float64]) -> NDArray[np.f
     return np.array([[point, point]], dtype=float)
 
 
+def goal_off_ground(gates: NDArray[np.float64], ground: shapely.Polygon) -> tuple[str, ...]:
+    """Return what is to be said where the last of (G, 2, 2) gates lies off the ground that a map or mesh shows."""
+    off = ground.distance(shapely.LineString(gates[-1])) if len(gates) else 0.0
+    if off == 0.0:
+        return ()
+    x, y = gates[-1].mean(axis=0)
+    extents = "x {:.2f} to {:.2f}, y {:.2f} to {:.2f} m".format(*np.array(ground.bounds)[[0, 2, 1, 3]])
+    return (f"goal: ({x:.2f}, {y:.2f}) lies {off:.1f} m off what is shown ({extents}); no wall is known there",)
+
+
 def lap_gates(track: Track, free_space: shapely.Polygon, source: str) -> NDArray[np.float64]:
     """Return the (4, 2, 2) lines across a circuit at each quarter of it, the last where it begins.
 

@@ -1,5 +1,6 @@
 """ROS map_server maps, read as map_server reads them and turned into upright walls."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ _MOST_CORNERS = 58_000
 _MOST_UNKNOWN_CORNERS = 10_000
 _ROUND_START_M, _ROUND_START_CELLS = 3.0, 300
 _HAIR_CELLS = 0.01
+# Beyond these a map is taken as it is written, but hardly meant so.
+_MOST_LIKELY_YAW_RAD, _COARSEST_LIKELY_M = 2 * math.pi, 0.5
 
 
 def _lower(value: object) -> object:
@@ -151,7 +154,15 @@ def _map_file(path: Path) -> tuple[_MapFile, list[str]]:
             "\n".join(lines) + "; a map needs image, resolution in m a cell and origin [x, y, yaw], finite numbers"
         ) from error
     others = sorted(set(data) - set(_MapFile.model_fields))
-    return spec, [f"fields of other tools left alone: {shown(', '.join(others))}"] if others else []
+    notes = [f"fields of other tools left alone: {shown(', '.join(others))}"] if others else []
+    if abs(spec.origin[2]) > _MOST_LIKELY_YAW_RAD:
+        yaw = spec.origin[2]
+        notes.append(
+            f"origin: the map is turned by {yaw:g} rad, as written; if degrees are meant, write {math.radians(yaw):.4f}"
+        )
+    if spec.resolution > _COARSEST_LIKELY_M:
+        notes.append(f"resolution: a cell is {spec.resolution:g} m wide, as written; 0.05 is usual")
+    return spec, notes
 
 
 def _image_of(path: Path, spec: _MapFile, notes: list[str]) -> Path:
