@@ -291,6 +291,33 @@ def test_at_scale_only_runs_of_a_million_steps_say_who_has_the_highest_return():
         assert found.why == why and (found.verdict == Verdict.UPHELD) == (steps == 1_000_000)
 
 
+def test_a_longer_length_with_too_few_seeds_does_not_take_the_word_of_a_shorter_one():
+    claim = next(claim for claim in CLAIMS if claim.said == "DDPG reaches the highest return")
+    shorter, longer = returns(ddpg=300, sac=200), returns(ddpg=100, sac=200)
+
+    def verdict(seeds_of_longer: int) -> Verdict:
+        runs = [row | {"study": "paper-at-scale", "steps": 1_000_000, "asked": "1M"} for row in shorter["runs"]]
+        for row in longer["runs"]:
+            if row["seed"] < seeds_of_longer:
+                named = {"run": "longer " + row["run"], "study": "paper-at-scale", "steps": 10_000_000, "asked": "10M"}
+                runs.append(row | named)
+        of_longer = [row | {"run": "longer " + row["run"]} for row in longer["learning"]]
+        rows = tables(runs=runs, learning=shorter["learning"] + of_longer)
+        return claim.rule(Evidence(rows), "scale").verdict
+
+    assert verdict(2) == Verdict.UPHELD
+    assert verdict(3) == Verdict.NOT_UPHELD
+
+
+def test_an_algorithm_without_a_run_of_the_longest_length_leaves_the_return_undecided():
+    claim = next(claim for claim in CLAIMS if claim.said == "DDPG reaches the highest return")
+    rows = returns(ddpg=300, sac=200)
+    for row in rows["runs"]:
+        steps = 10_000_000 if row["algorithm"] == "ddpg" else 1_000_000
+        row |= {"study": "paper-at-scale", "steps": steps, "asked": str(steps)}
+    assert claim.rule(Evidence(tables(**rows)), "scale").verdict == Verdict.UNDECIDED
+
+
 def test_at_scale_the_ablations_are_missed_and_other_rivals_are_not():
     claim = next(claim for claim in CLAIMS if claim.said == "RL_FOMT has the highest success in most tracks")
 

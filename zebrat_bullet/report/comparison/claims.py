@@ -80,7 +80,7 @@ CLAIMS = (
         "IV-B, training curve",
         f"best return of every 20 episodes, mean over the last {LAST_PART:.0%} of a run; difference of means over "
         "seeds to each other algorithm, upheld if above 0, not upheld if below 0; at scale of runs of at least a "
-        "million steps",
+        "million steps, the longest that have enough seeds",
         highest_return("ddpg"),
     ),
     Claim(

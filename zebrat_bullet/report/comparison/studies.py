@@ -78,27 +78,31 @@ def _ahead_in_settings(evidence: Evidence, walls: str) -> Finding:
     return Finding(verdict, f"in the settings of each panel of the study, on the same contacts: {'; '.join(said)}")
 
 
-def last_returns(evidence: Evidence, study: str, reward: str, least_steps: int = 0) -> dict[str, list[float]]:
-    """Return, by algorithm, a value a seed: the mean of the best returns in the last tenth of its blocks.
+def last_returns(
+    evidence: Evidence, study: str, reward: str, least_steps: int = 0
+) -> tuple[str, dict[str, list[float]]]:
+    """Return a length and, by algorithm, a value a seed: the mean of the best returns in the last tenth of its blocks.
 
-    Only of the runs that were to last longest, and only of those that were completed; and of no shorter ones.
+    Only of completed runs, of no shorter ones, and of one length: the longest of which every algorithm has enough
+    seeds; if there is none, the longest.
     """
     runs = [r for r in evidence.runs if (r["study"], r["reward"], r["variant"] or "") == (study, reward, "")]
     runs = [run for run in runs if run["state"] == "complete" and (run["steps"] or 0) >= least_steps]
-    reached: dict[str, int] = {}
-    for run in runs:
-        reached[run["asked"]] = max(reached.get(run["asked"], 0), run["steps"] or 0)
-    longest = max(reached, key=lambda asked: reached[asked], default="")
     blocks: dict[str, list[tuple[int, float]]] = defaultdict(list)
     for row in evidence.learning:
         if row["best_return"] is not None:
             blocks[row["run"]].append((row["total_steps"] or 0, row["best_return"]))
-    found: dict[str, list[float]] = defaultdict(list)
+    steps: dict[str, int] = defaultdict(int)
+    found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for run in runs:
-        if run["asked"] == longest and (of_run := sorted(blocks[run["run"]])):
+        if of_run := sorted(blocks[run["run"]]):
             last = [value for _, value in of_run[-max(1, round(LAST_PART * len(of_run))) :]]
-            found[run["algorithm"]].append(sum(last) / len(last))
-    return dict(found)
+            found[run["asked"]][run["algorithm"]].append(sum(last) / len(last))
+            steps[run["asked"]] = max(steps[run["asked"]], run["steps"] or 0)
+    algorithms = {run["algorithm"] for run in runs}
+    enough = [asked for asked, of in found.items() if all(len(of.get(name, ())) >= ENOUGH_SEEDS for name in algorithms)]
+    longest = max(enough or found, key=lambda asked: steps[asked], default="")
+    return longest, dict(found[longest])
 
 
 def highest_return(algorithm: str) -> Rule:
@@ -106,7 +110,7 @@ def highest_return(algorithm: str) -> Rule:
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         study, least_steps = ("paper", 0) if scope == "paper" else ("paper-at-scale", AT_SCALE_STEPS)
-        found = last_returns(evidence, study, "fomt", least_steps)
+        asked, found = last_returns(evidence, study, "fomt", least_steps)
         if not found:
             return NOT_DRIVEN
         rivals = sorted(set(found) - {algorithm})
@@ -114,6 +118,7 @@ def highest_return(algorithm: str) -> Rule:
         said = "; ".join(
             f"{n.upper()} {means[n]:.0f} ({len(found[n])} seeds)" for n in sorted(means, key=lambda n: -means[n])
         )
+        said = f"after {asked}: {said}" if asked else said
         if algorithm not in found or not rivals:
             return Finding(Verdict.UNDECIDED, said)
         if min(len(values) for values in found.values()) < ENOUGH_SEEDS:
