@@ -190,7 +190,12 @@ STOPS: dict[str, tuple[Callable[[Driver], Decision], str]] = {
     "no age": (lambda d: d.drive_cloud(a_cloud(), age_s=math.nan), "the scan is nan s old"),
     "no rotation": (lambda d: d.drive_cloud(a_cloud(), rotation_level=2.0 * np.eye(3)), "rotation matrix"),
     "nan rotation": (lambda d: d.drive_cloud(a_cloud(), rotation_level=np.full((3, 3), np.nan)), "rotation matrix"),
-    "no height": (lambda d: d.drive_cloud(a_cloud(), height_m=math.nan), "height must be a finite number"),
+    "no height": (
+        lambda d: d.drive_cloud(a_cloud(), height_m=math.nan),
+        "height above the floor is 0 to 100 m, got nan",
+    ),
+    "a height in mm": (lambda d: d.drive_cloud(a_cloud(), height_m=750.0), "height above the floor is 0 to 100 m"),
+    "a height of words": (lambda d: d.drive_cloud(a_cloud(), height_m="low"), "height above the floor is 0 to 100 m"),
     "table of scans": (lambda d: d.drive_scan(np.ones((2, 360), np.float32)), r"shape \(n,\), .* got \(2, 360\)"),
     "no rays": (lambda d: d.drive_scan(np.zeros(0, np.float32)), "a ray every 360 degrees"),
     "nan rays": (lambda d: d.drive_scan(np.full(360, np.nan, np.float32)), "0 of 360 rays have a return"),

@@ -19,9 +19,10 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import REWARD_PRESETS, EpisodeConfig, LidarConfig, NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.registration import env_id
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
-from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError
+from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError, WorldError
 from zebrat_bullet.types import Pose2
 
 
@@ -221,7 +222,7 @@ def recreate(env: gymnasium.Env, how: str) -> gymnasium.Env:
 def test_a_copy_stands_where_the_original_does_and_drives_on_alone(how):
     env = gymnasium.make("ZebraT/Track2-v0", caster="embree")
     env.reset(seed=3, options={"episode": 4})
-    action = np.array([0.7, -0.2], np.float32)
+    action = np.array([0.7, -0.2])  # in double precision, which 0.7 is not the same in as in single
     env.step(action)
     one, two = recreate(env, how), recreate(env, how)
     ahead = one.step(action)
@@ -312,6 +313,26 @@ def test_a_start_pose_is_three_numbers_of_any_kind(pose):
     env = ZebratEnv("track_2", caster="embree")
     assert env.reset(options={"pose": pose})[1]["pose"] == pytest.approx((2.0, 0.1, 0.2))
     env.close()
+
+
+def test_what_is_observed_in_contact_lies_in_the_space():
+    env = ZebratEnv("track_2", task={"observation": {"log_gaps": True}}, caster="embree", raw=True)
+    env.reset(seed=0)
+    ended = False
+    while not ended:
+        observation, _, ended, _, info = env.step([0.6, 0.0])
+        assert observation in env.observation_space
+    assert info["outcome"] == "collision"
+    env.close()
+
+
+@pytest.mark.parametrize("make", [ZebratEnv, lambda world, **at: PlanarVectorEnv(2, world, **at)])
+@pytest.mark.parametrize("start", [(1.5, 0.0, 45), Pose2(1.5, 0.0, 90.0)])
+def test_a_start_in_degrees_is_refused_and_told_in_rad(make, start):
+    with pytest.raises(
+        WorldError, match=r"start: its yaw is in rad, -2 pi to 2 pi, got (45|90); .* are (0\.7854|1\.5708)"
+    ):
+        make("track_2", start=start)
 
 
 @pytest.mark.parametrize(

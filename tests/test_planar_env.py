@@ -23,6 +23,7 @@ import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.config import EpisodeConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
+from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 
 SHORT = TaskConfig(episode=EpisodeConfig(max_steps=20))
@@ -104,6 +105,18 @@ def test_a_seed_fixes_all_that_follows_and_no_seed_goes_on() -> None:
         assert all(np.array_equal(a, b) for a, b in zip(one.step(action)[:4], two.step(action)[:4], strict=True))
     third = one.reset()[0]
     assert np.array_equal(third, two.reset()[0]) and not np.array_equal(third, one.reset(seed=3)[0])
+
+
+def test_without_any_seed_two_begin_differently() -> None:
+    one, two = PlanarVecEnv(env_of()), PlanarVecEnv(env_of())
+    first = one.reset()
+    assert not np.array_equal(first, two.reset())
+
+
+def test_options_are_refused_for_there_are_none() -> None:
+    with pytest.raises(ConfigError, match=r"takes no options, got \{'episode': 3\}"):
+        env_of().reset(seed=0, options={"episode": 3})
+    env_of().reset(seed=0, options={})
 
 
 def test_gymnasiums_wrappers_work_on_it() -> None:

@@ -41,7 +41,7 @@ def test_my_car_scrapes_the_left_wall(collision_check):
     collision_check("my_world.yaml", Pose2(2.0, 0.41, 0.0)).reports("polygon", "physics", "cloud", "sr", "fifr")
 
 def test_my_car_drives_in_the_middle(collision_check):
-    clear = collision_check("my_world.yaml", Pose2(2.0, 0.0, 0.0))
+    clear = collision_check("my_world.yaml", (2.0, 0.0, 0.0))
     clear.misses(*clear.check.collides)
     assert clear.check.gaps_m["sr"] == pytest.approx(0.4, abs=1e-4)
 """)
@@ -98,7 +98,8 @@ def test_outside_of_the_margin(collision_check):
         ('collision_check("my_world.yaml", Pose2(2, 0, 0)).reports("safety")', "*'safety'*"),
         ('collision_check("my_world.yaml", Pose2(2, 0, 0)).misses()', f"*{', '.join(REPRESENTATIONS)}*"),
         ('collision_check("nowhere.yaml", Pose2(2, 0, 0))', "*AssetError: no worlds named 'nowhere.yaml'*"),
-        ('collision_check("my_world.yaml", Pose2(2, math.nan, 0))', "*ConfigError: a pose must be finite*"),
+        ('collision_check("my_world.yaml", Pose2(100, 0, 0)).misses("sr")', "*lies outside 'my_world', x *"),
+        ('collision_check("my_world.yaml", Pose2(2, math.nan, 0))', "*ConfigError: the pose must be finite*"),
     ],
 )
 def test_a_mistake_says_what_is_allowed(run, code: str, message: str) -> None:

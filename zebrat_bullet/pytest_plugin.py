@@ -3,7 +3,7 @@
 Every pytest run of an environment loads its plugins, so all that takes time to import waits for the first check.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,8 +66,8 @@ class Checked:
             raise AssertionError(f"{', '.join(wrong)} {asked} {at}\n{self.check.table()}")
 
 
-CollisionCheck = Callable[["str | Path | World", "Pose2"], Checked]
-"""What the fixture gives a test: a world (shipped name, path, or World) and a pose, checked."""
+CollisionCheck = Callable[["str | Path | World", "Pose2 | Sequence[float]"], Checked]
+"""What the fixture gives a test: a world (shipped name, path, or World) and a pose (x, y in m, yaw in rad), checked."""
 
 
 class _Cache:
@@ -131,7 +131,7 @@ def collision_check(request: pytest.FixtureRequest, _collision_cache: _Cache) ->
     module changes the settings; of several markers the one nearest to the test decides each.
 
     Raises:
-        ConfigError: a setting of the marker is unknown or out of its range.
+        ConfigError: a setting of the marker is unknown or out of its range, or a pose lies outside of its world.
     """
     options: dict[str, Any] = {}
     for marker in request.node.iter_markers("collision"):
@@ -143,8 +143,12 @@ def collision_check(request: pytest.FixtureRequest, _collision_cache: _Cache) ->
             )
         options = marker.kwargs | options
 
-    def check(world: "str | Path | World", pose: "Pose2") -> Checked:
+    def check(world: "str | Path | World", pose: "Pose2 | Sequence[float]") -> Checked:
+        from zebrat_bullet.world.poses import pose_from, require_inside
+
         loaded = _collision_cache.world(world, options.get("robot", "zebrat"))
-        return Checked(loaded.name, _collision_cache.checker(options).check(loaded, pose))
+        at = pose_from(pose, "the pose")
+        require_inside(at, loaded, "the pose")
+        return Checked(loaded.name, _collision_cache.checker(options).check(loaded, at))
 
     return check

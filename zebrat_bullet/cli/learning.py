@@ -173,6 +173,8 @@ def teleop(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.teleop.session import teleop
 
     out = arguments.out or Path("results/demonstrations") / "person"
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"--out {out} is a file; name a folder, which keeps an episode each")
     outcomes: list[str] = []
 
     def on_episode(record: Any, path: Path) -> None:

@@ -99,7 +99,10 @@ def _ours(error: Exception, arguments: argparse.Namespace) -> int:
 
 
 def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
-    """Return whether a path to write, or a folder above it, is none that can be written, or the disk is full."""
+    """Return whether a path to write, or a folder above it, is none that can be written, or the disk is full.
+
+    A file is first written beside its place, under a name that begins alike.
+    """
     if error.errno == errno.ENOSPC:
         return True
     if error.errno not in _NOT_WRITABLE or not isinstance(error.filename, str):
@@ -108,7 +111,12 @@ def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
     wanted = [at.resolve() for at in map(vars(arguments).get, _WRITTEN) if isinstance(at, Path)]
     # What is missing in a folder that is there is for us to write, and so our mistake.
     inside = error.errno != errno.ENOENT
-    return any(at.is_relative_to(named) or (inside and named.is_relative_to(at)) for at in wanted)
+    return any(
+        at.is_relative_to(named)
+        or (inside and named.is_relative_to(at))
+        or (named.parent == at.parent and named.name.lstrip(".").startswith(at.stem))
+        for at in wanted
+    )
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from zebrat_bullet.config.checks import Range, require, within
+from zebrat_bullet.config.checks import Range, of_their_kinds, require, within
 from zebrat_bullet.files import shown
 
 ENGINES = ("bullet", "mujoco")
@@ -35,6 +35,7 @@ class PhysicsConfig:
     max_steering_rad: float = 0.6
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(self.engine in ENGINES, f"engine must be one of {', '.join(ENGINES)}, got {shown(self.engine)!r}")
         require(self.control_step_s > 0 and self.rate_hz > 0, "control_step_s and rate_hz must be above 0")
         within(self, control_step_s=(0.001, 10.0), rate_hz=(0.1, 10_000.0), solver_iterations=(-math.inf, 1000))
@@ -82,6 +83,7 @@ class DynamicsConfig:
     delay_s: Range = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         for name, (least, most) in vars(self).items():
             require(least <= most, f"dynamics.{name} must be [least, greatest], got [{least}, {most}]")
             if name != "steering_offset_rad":
@@ -143,6 +145,7 @@ class DisturbanceConfig:
     pose_drift_s: float = 10.0
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         for name, (least, most) in _DISTURBANCES.items():
             drawn = getattr(self, name)
             low, high = drawn if isinstance(drawn, tuple) else (drawn, drawn)

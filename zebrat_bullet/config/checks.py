@@ -1,9 +1,15 @@
 """Checks that settings share, and the kinds of value that several hold."""
 
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import shown
 
 MOST_SEED = 2**31 - 1
 """Greatest seed of a run; its evaluations and their episodes draw from seeds beyond it."""
@@ -15,6 +21,33 @@ def require(ok: bool, message: str) -> None:
     """Raise a ConfigError with this message unless it is so."""
     if not ok:
         raise ConfigError(message)
+
+
+def of_their_kinds(config: Any) -> None:
+    """Raise unless each field of a settings dataclass is of the kind of its default, a tuple of numbers; None: any.
+
+    Raises:
+        ConfigError: a number, a text, a flag, a tuple or other settings are something else.
+    """
+    for each in fields(config):
+        value = getattr(config, each.name)
+        usual = each.default if each.default is not MISSING else each.default_factory()  # type: ignore[misc]
+        other = (type(usual), (type(usual),), type(usual).__name__)
+        _, kinds, named = next((kind for kind in _KINDS if isinstance(usual, kind[0])), other)
+        several = value if isinstance(usual, tuple) and isinstance(value, tuple | list) else ()
+        if usual is not None and not (isinstance(value, kinds) and all(isinstance(one, Real) for one in several)):
+            raise ConfigError(f"{each.name} must be {named}, got {shown(repr(value))}")
+
+
+# What counts as what: a flag is no number, and a range of numbers may be one number.
+_KINDS: tuple[tuple[type, tuple[type, ...], str], ...] = (
+    (bool, (bool, np.bool_), "True or False"),
+    (int, (Integral,), "a whole number"),
+    (float, (Real,), "a number"),
+    (str, (str, Path), "a text"),
+    (tuple, (tuple, list, Real), "a tuple of numbers"),
+    (Mapping, (Mapping,), "a mapping"),
+)
 
 
 def within(config: object, **bounds: tuple[float, float]) -> None:

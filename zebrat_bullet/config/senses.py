@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from zebrat_bullet.config.checks import require, within
+from zebrat_bullet.config.checks import of_their_kinds, require, within
 from zebrat_bullet.files import shown
 
 CASTERS = ("bullet", "embree", "mujoco")
@@ -32,6 +32,7 @@ class LidarConfig:
     bearings: str = "all"
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(self.caster in CASTERS, f"caster must be one of {', '.join(CASTERS)}, got {shown(self.caster)!r}")
         require(self.bearings in ("all", "region"), f"bearings must be 'all' or 'region', got {self.bearings!r}")
         require(self.n_channels >= 1 and self.n_bearings >= 8, "a lidar needs at least 1 channel and 8 bearings")
@@ -61,6 +62,7 @@ class NoiseConfig:
     mount_yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(self.range_sigma_m >= 0, f"range_sigma_m must be at least 0, got {self.range_sigma_m}")
         require(0 <= self.dropout <= 1, f"dropout is a probability, got {self.dropout}")
         within(self, range_sigma_m=(0.0, 100.0), mount_xyz_m=(-10.0, 10.0), mount_yaw_rad=(-10.0, 10.0))
@@ -82,6 +84,7 @@ class FlattenConfig:
     height_max_m: float = 0.80
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(
             self.height_min_m < self.height_max_m,
             f"height_min_m {self.height_min_m} must be below height_max_m {self.height_max_m}",
@@ -107,6 +110,7 @@ class SafetyRegionConfig:
     gap_rad: float = 2.0 * math.pi
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(self.kind in ("sr", "firect", "fifr"), f"kind must be 'sr', 'firect' or 'fifr', got {self.kind!r}")
         require(self.resolution_m > 0, f"resolution_m must be above 0, got {self.resolution_m}")
         require(self.margin_m >= 0, f"margin_m must be at least 0, got {self.margin_m}")

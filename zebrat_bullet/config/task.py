@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from zebrat_bullet.config.car import ENGINES, DisturbanceConfig, DynamicsConfig, PhysicsConfig
-from zebrat_bullet.config.checks import require, within
+from zebrat_bullet.config.checks import of_their_kinds, require, within
 from zebrat_bullet.config.senses import FlattenConfig, LidarConfig, NoiseConfig, SafetyRegionConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
@@ -37,6 +37,7 @@ class RewardConfig:
     log_base: float = 10.0
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         object.__setattr__(self, "weights", dict(self.weights))
         require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
         require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
@@ -79,6 +80,7 @@ class ObservationConfig:
     trail_steps: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         object.__setattr__(self, "trail_steps", tuple(self.trail_steps))
         within(self, trail_steps=(1, MOST_TRAIL_STEPS))
 
@@ -107,6 +109,7 @@ class EpisodeConfig:
     anywhere_yaw_rad: float = 0.5
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         require(self.max_steps >= 1 and self.stall_steps >= 1, "max_steps and stall_steps must be at least 1")
         within(self, max_steps=(1, 1_000_000), stall_steps=(1, 2**31 - 1), stall_distance_m=(-1e6, 1e6))
         within(self, open_width_m=(-1e6, 1e6), out_m=(-1e6, 1e6))
@@ -136,6 +139,7 @@ class TaskConfig:
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
 
     def __post_init__(self) -> None:
+        of_their_kinds(self)
         step, delay = self.physics.control_step_s, self.dynamics.delay_s[1]
         require(delay <= 2 * step, f"dynamics.delay_s may be two control steps ({2 * step} s) at most, got {delay}")
 
@@ -152,11 +156,12 @@ def with_engine(task: TaskConfig, engine: str) -> TaskConfig:
 
 
 def require_planar_cars(task: TaskConfig) -> None:
-    """Refuse a task that disturbs what planar cars do not have.
+    """Refuse a task that is guided, or disturbs what planar cars do not have.
 
     Raises:
-        ConfigError: it does; the message names what.
+        ConfigError: it is or does; the message names what.
     """
+    require(not task.guided, "planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
     asked, none = vars(task.disturbance), vars(DisturbanceConfig())
     if unknown := [f"disturbance.{name}" for name in asked if asked[name] != none[name]]:
         raise ConfigError(f"planar cars have no {', '.join(unknown)}; leave them out, or drive it in PyBullet")

@@ -14,6 +14,7 @@ _ORIGIN_M = 0.01
 _REACH = 1.0 - 1e-6
 """A point at the reach itself may stand a rounding error before it."""
 _SECTORS = 8
+_MOST_HEIGHT_M = 100.0
 _MOST_POINTS = 10_000_000
 _MOST_RAYS = 100_000
 
@@ -43,8 +44,10 @@ def cloud_of(
     if points.shape[1] != 3:
         raise SensorError(f"a cloud is an array of shape (N, 3), got {points.shape}; give x, y and z of each point")
     rotation = _rotation(rotation_level)
-    if not (math.isfinite(height_m) and abs(height_m) <= 1000.0):
-        raise SensorError(f"the lidar's height must be a finite number of m, got {height_m}")
+    if not (isinstance(height_m, float | int | np.number) and 0.0 <= height_m <= _MOST_HEIGHT_M):
+        raise SensorError(
+            f"the lidar's height above the floor is 0 to {_MOST_HEIGHT_M:g} m, got {shown(repr(height_m))}"
+        )
     with np.errstate(invalid="ignore", over="ignore"):
         squared = np.einsum("nd,nd->n", points, points)  # nan and inf stay what they are, and compare as False
         valid = (squared >= _ORIGIN_M**2) & (squared < (range_max_m * _REACH) ** 2)

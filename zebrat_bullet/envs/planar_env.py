@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array, like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
-from zebrat_bullet.errors import EpisodeError
+from zebrat_bullet.errors import ConfigError, EpisodeError
+from zebrat_bullet.files import shown
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.planar.margins import Margins
 from zebrat_bullet.robot import load_robot
@@ -72,12 +73,26 @@ class PlanarVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode of every car; a seed fixes all that follows, without one the last one's numbers go on.
+        """Begin an episode of every car.
+
+        Args:
+            seed: fixes all that follows; None goes on with the last one's numbers, and at first with any.
+            options: none: every car is begun with.
 
         Returns:
             (N, size) observations, and an info with `terms`, all 0.
+
+        Raises:
+            ConfigError: there are options.
         """
+        if options:
+            raise ConfigError(
+                f"reset of planar cars takes no options, got {shown(repr(options))}; drive.begin_at places cars, and "
+                "PyBullet's env begins an episode by its number"
+            )
         super().reset(seed=seed)
+        if seed is None and not self._begun:
+            seed = int(self.np_random.integers(2**31))
         self._begun = True
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}

@@ -7,7 +7,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import shapely
 from gymnasium import spaces
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.task.waypoints import check_waypoints
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
+from zebrat_bullet.world.poses import pose_from, require_inside
 
 RENDER_SIZE = (640, 480)
 
@@ -148,7 +148,7 @@ class ZebratEnv(gymnasium.Env):
             raise EpisodeError("step: no episode was begun yet; call reset first")
         spec = self.spec_observation
         command = spec.decode_discrete(action) if self._discrete else spec.decode(action)
-        self._actions.append(np.asarray(action).tolist())
+        self._actions.append(np.array(action))
         step = self.drive.step(command)
         self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
@@ -189,7 +189,7 @@ class ZebratEnv(gymnasium.Env):
         if state["begun"] is not None:
             self.reset(seed=state["seed"], options=state["begun"])
             for action in state["actions"]:
-                self.step(np.asarray(action, dtype=self.action_space.dtype))
+                self.step(action)
         self._seed, self._n_episodes, self.spec = state["seed"], state["n_episodes"], state["spec"]
         # Those of the original: each has a random state.
         (self._np_random, self._np_random_seed), (self.observation_space, self.action_space) = (
@@ -261,27 +261,15 @@ def _options(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | Non
         raise ConfigError(f"reset has no option {shown(unknown)}; there are episode and pose")
     number, pose = options.get("episode"), options.get("pose")
     if number is not None and (not isinstance(number, int | np.integer) or number < 0):
-        raise ConfigError(f"options['episode'] is a whole number from 0 up, got {shown(number)!r}")
-    if pose is not None and not isinstance(pose, Pose2):
-        values = np.asarray(pose, dtype=object).reshape(-1)
-        if len(values) != 3 or not all(isinstance(value, int | float | np.number) for value in values):
-            raise ConfigError(f"options['pose'] is a Pose2 or (x, y, yaw) in m and rad, got {shown(pose)!r}")
-        pose = Pose2(*map(float, values))
-    if pose is not None and not np.isfinite([pose.x, pose.y, pose.yaw]).all():
-        raise ConfigError(f"options['pose'] must be finite, got {pose}")
-    return None if number is None else int(number), pose
+        raise ConfigError(f"options['episode'] is a whole number from 0 up, got {shown(repr(number))}")
+    return None if number is None else int(number), None if pose is None else pose_from(pose, "options['pose']")
 
 
 def _check_pose(pose: Pose2, world: World, footprint_base: NDArray[np.float64]) -> None:
     """Refuse a pose in a wall, or off the ground that the world's walls and its floor reach over."""
     if footprint_hits(world.walls, footprint_base, pose):
         raise ConfigError(f"options['pose'] {tuple(pose)} puts the car into a wall of {world.name!r}; move it")
-    x0, y0, x1, y1 = shapely.GeometryCollection([world.walls, world.free_space]).bounds
-    if not (x0 <= pose.x <= x1 and y0 <= pose.y <= y1):
-        raise ConfigError(
-            f"options['pose'] {tuple(pose)} lies outside {world.name!r}, x {x0:.2f} to {x1:.2f}, y {y0:.2f} to "
-            f"{y1:.2f} m; move it"
-        )
+    require_inside(pose, world, "options['pose']")
 
 
 def spaces_of(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:

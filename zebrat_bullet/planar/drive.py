@@ -93,8 +93,6 @@ class PlanarDrive:
     ) -> None:
         self._margins_of = margins_of(margin_m)
         check_weights(task.reward)
-        if task.guided:
-            raise ConfigError("planar cars drive unguided, this task looks at waypoints; drive it in PyBullet")
         require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")

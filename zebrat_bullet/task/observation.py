@@ -86,6 +86,8 @@ class ObservationSpec:
     def bounds(self) -> NDArray[np.float32]:
         """Return the (2, size) least and greatest observation."""
         si = self._raw_bounds().astype(np.float32)
+        gaps = slice(self.n_rays, self.n_rays + len(self.gap_ranges_m))
+        si[0, gaps] = np.nextafter(si[0, gaps], np.float32(-np.inf))  # a logarithm in single precision may round there
         return si if self.raw else np.stack([np.full_like(si[0], -1.0), np.ones_like(si[0])])
 
     @property

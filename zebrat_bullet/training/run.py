@@ -22,6 +22,7 @@ from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import refusing
 from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.planar.simulation import find_device
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.task.trail import PARTS
 from zebrat_bullet.training.callbacks import Progress, RunCallback
@@ -137,6 +138,7 @@ def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Prog
     planar, algo, workers = config.planar, config.learner.algo, len(os.sched_getaffinity(0))
     if algo in DISCRETE:
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
+    find_device(planar.device)  # before minutes go into tracks
     robot = load_robot(config.task.robot)
     generate = partial(generate_tracks, family=planar.families, robot=robot, workers=workers)
     worlds = [

@@ -45,7 +45,7 @@ def summarise(folder: Path) -> dict[str, Any]:
         return {
             "folder": str(folder),
             "episodes": len(episodes),
-            "total_steps": int(episodes[-1]["total_steps"]) if episodes else 0,
+            "total_steps": max((int(rows[-1]["total_steps"]) for rows in (episodes, judged) if rows), default=0),
             "wall_s": float(judged[-1]["wall_s"]),
             "best": {key: float(value) if value else None for key, value in best.items() if key != "best"},
         }

@@ -47,11 +47,15 @@ class WorldReference:
         """Return it with another start (x, y, yaw in rad), goal (x, y) and exit (two points), each where not None.
 
         Raises:
-            WorldError: they are not so many finite numbers.
+            WorldError: they are not so many finite numbers, or the yaw is more than a turn.
         """
         made = self
         if start is not None:
             x, y, yaw = (start.x, start.y, start.yaw) if isinstance(start, Pose2) else _numbers("start", start, 3)
+            if abs(yaw) > 2 * math.pi:
+                raise WorldError(
+                    f"start: its yaw is in rad, -2 pi to 2 pi, got {yaw:g}; {yaw:g} degrees are {math.radians(yaw):.4f}"
+                )
             made = replace(made, start=_checked("start", (x, y, math.degrees(yaw))))
         if goal is not None:
             ends = (goal.x, goal.y) if isinstance(goal, Pose2) else _numbers("goal", goal, 2)
