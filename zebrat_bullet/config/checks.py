@@ -31,7 +31,7 @@ def of_their_kinds(config: Any) -> None:
     """
     for each in fields(config):
         value = getattr(config, each.name)
-        usual = each.default if each.default is not MISSING else each.default_factory()  # type: ignore[misc]
+        usual = each.default if each.default is not MISSING else each.default_factory()  # type: ignore[operator]
         other = (type(usual), (type(usual),), type(usual).__name__)
         _, kinds, named = next((kind for kind in _KINDS if isinstance(usual, kind[0])), other)
         several = value if isinstance(usual, tuple) and isinstance(value, tuple | list) else ()
