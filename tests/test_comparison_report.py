@@ -231,8 +231,12 @@ def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_
     runs = [longer("a", "10 million steps", 10**7, best_success=0.9), longer("b", "0.1 million steps", 10**5)]
     runs.append(longer("c", "0.1 million steps", 10**5, seed=1, best_success=0.3, best_collision=0.3))
     learning = [
-        {"run": one["run"], "episode": 9, "total_steps": one["steps"], "success": one["best_success"]} for one in runs
+        {"run": one["run"], "episode": 9, "total_steps": one["steps"] // 2, "success": one["best_success"]}
+        for one in runs
     ]
+    # What stands last in time, not in the table, is the last evaluation; a row without one is none.
+    learning.insert(0, {"run": "b", "episode": 19, "total_steps": 10**5, "success": 0.1})
+    learning.append({"run": "b", "episode": 29, "total_steps": 2 * 10**5, "best_return": 1.0})
     on_track = {"study": "paper-at-scale", "family": "corners", "reversals": 0, "sim": "planar"}
     drives = [
         row | on_track | {"run": name}
@@ -245,10 +249,10 @@ def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_
     assert [at.name for at in curves] == ["curve_longer_1", "curve_longer_2"]
     assert b"DDPG FOMT, 2 seeds" in curves[0].data and b"DDPG FOMT, 1 seed<" in curves[1].data
     rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in grid.rows]
-    short = ("2 of 2", "40 % (30-50)", "15 % (0-30)", "not driven", "25 % (0-50)", "50 % (25-75)")
+    short = ("2 of 2", "40 % (30-50)", "15 % (0-30)", "20 % (10-30)", "not driven", "25 % (0-50)", "50 % (25-75)")
     assert rows == [
         ("DDPG FOMT", "0.1 million steps", *short),
-        ("DDPG FOMT", "10 million steps", "1 of 1", "90 %", "0 %", "not driven", "not driven", "not driven"),
+        ("DDPG FOMT", "10 million steps", "1 of 1", "90 %", "0 %", "90 %", *["not driven"] * 3),
     ]
 
 

@@ -113,6 +113,13 @@ def test_without_any_seed_two_begin_differently() -> None:
     assert not np.array_equal(first, two.reset())
 
 
+def test_where_a_seed_was_named_a_reset_without_one_goes_on() -> None:
+    one, two = env_of(), env_of()
+    for env in (one, two):
+        env.drive.reset(7)
+    assert np.array_equal(one.reset()[0], two.reset()[0])
+
+
 def test_options_are_refused_for_there_are_none() -> None:
     with pytest.raises(ConfigError, match=r"takes no options, got \{'episode': 3\}"):
         env_of().reset(seed=0, options={"episode": 3})

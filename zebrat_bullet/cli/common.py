@@ -90,7 +90,7 @@ def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:
     if len(worlds) != 1:
         raise ConfigError(f"--start, --goal and --exit go with one world, got {len(worlds)}; name one")
     reference = parse_reference(str(worlds[0])).with_places(
-        start=None if start is None else (start[0], start[1], math.radians(start[2])),
+        start=None if start is None else (start[0], start[1], math.radians(math.fmod(start[2], 360.0))),
         goal=goal,
         exit=None if exit is None else (exit[:2], exit[2:]),
     )

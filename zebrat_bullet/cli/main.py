@@ -4,6 +4,7 @@ import argparse
 import errno
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -39,6 +40,8 @@ from zebrat_bullet.files import shown
 _python_format = warnings.formatwarning
 _WRITTEN = ("out", "map", "certify")
 """Options that name what is written."""
+_PART = re.compile(r".+\.part(\.\w+)?")
+"""What a file is called until it is whole."""
 _NOT_WRITABLE = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
     errno.ENAMETOOLONG,
@@ -101,7 +104,7 @@ def _ours(error: Exception, arguments: argparse.Namespace) -> int:
 def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
     """Return whether a path to write, or a folder above it, is none that can be written, or the disk is full.
 
-    A file is first written beside its place, under a name that begins alike.
+    A file is first written beside its place, under a name of its own.
     """
     if error.errno == errno.ENOSPC:
         return True
@@ -114,7 +117,7 @@ def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
     return any(
         at.is_relative_to(named)
         or (inside and named.is_relative_to(at))
-        or (named.parent == at.parent and named.name.lstrip(".").startswith(at.stem))
+        or (inside and named.parent == at.parent and _PART.fullmatch(named.name) and at.stem in named.name)
         for at in wanted
     )
 

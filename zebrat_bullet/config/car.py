@@ -145,7 +145,7 @@ class DisturbanceConfig:
     pose_drift_s: float = 10.0
 
     def __post_init__(self) -> None:
-        of_their_kinds(self)
+        of_their_kinds(self, range_or_number=True)
         for name, (least, most) in _DISTURBANCES.items():
             drawn = getattr(self, name)
             low, high = drawn if isinstance(drawn, tuple) else (drawn, drawn)

@@ -1,8 +1,7 @@
 """Checks that settings share, and the kinds of value that several hold."""
 
-from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from numbers import Integral, Real
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -23,31 +22,45 @@ def require(ok: bool, message: str) -> None:
         raise ConfigError(message)
 
 
-def of_their_kinds(config: Any) -> None:
-    """Raise unless each field of a settings dataclass is of the kind of its default, a tuple of numbers; None: any.
+def of_their_kinds(config: Any, range_or_number: bool = False) -> None:
+    """Raise unless each field of a settings dataclass is of the kind of its default; None: a number or None.
+
+    Args:
+        config: the settings.
+        range_or_number: where a tuple is usual, a number counts too.
 
     Raises:
-        ConfigError: a number, a text, a flag, a tuple or other settings are something else.
+        ConfigError: a number, a text, a flag, a tuple of numbers or other settings are something else.
     """
     for each in fields(config):
         value = getattr(config, each.name)
         usual = each.default if each.default is not MISSING else each.default_factory()  # type: ignore[operator]
-        other = (type(usual), (type(usual),), type(usual).__name__)
-        _, kinds, named = next((kind for kind in _KINDS if isinstance(usual, kind[0])), other)
-        several = value if isinstance(usual, tuple) and isinstance(value, tuple | list) else ()
-        if usual is not None and not (isinstance(value, kinds) and all(isinstance(one, Real) for one in several)):
-            raise ConfigError(f"{each.name} must be {named}, got {shown(repr(value))}")
+        if usual is None:
+            ok, kind = value is None or _is_number(value), "a number or None"
+        elif isinstance(usual, bool):
+            ok, kind = isinstance(value, bool | np.bool_), "True or False"
+        elif isinstance(usual, int):
+            ok, kind = _is_number(value) and value == value // 1, "a whole number"
+        elif isinstance(usual, float):
+            ok, kind = _is_number(value), "a number"
+        elif isinstance(usual, str):
+            ok, kind = isinstance(value, str | Path), "a text"
+        elif isinstance(usual, tuple):
+            length = f"{len(usual)} " if usual else ""
+            ok, kind = _are_numbers(value, len(usual)), f"a tuple of {length}numbers"
+            ok = ok or (range_or_number and _is_number(value))
+        else:
+            ok, kind = isinstance(value, type(usual)), "a mapping" if isinstance(usual, dict) else type(usual).__name__
+        require(ok, f"{each.name} must be {kind}, got {shown(repr(value))}")
 
 
-# What counts as what: a flag is no number, and a range of numbers may be one number.
-_KINDS: tuple[tuple[type, tuple[type, ...], str], ...] = (
-    (bool, (bool, np.bool_), "True or False"),
-    (int, (Integral,), "a whole number"),
-    (float, (Real,), "a number"),
-    (str, (str, Path), "a text"),
-    (tuple, (tuple, list, Real), "a tuple of numbers"),
-    (Mapping, (Mapping,), "a mapping"),
-)
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _are_numbers(values: object, n: int) -> bool:
+    """Return whether these are n numbers; of 0, any number of them."""
+    return isinstance(values, tuple | list) and len(values) in (n, n or len(values)) and all(map(_is_number, values))
 
 
 def within(config: object, **bounds: tuple[float, float]) -> None:
@@ -58,7 +71,7 @@ def within(config: object, **bounds: tuple[float, float]) -> None:
     """
     for name, (least, most) in bounds.items():
         value = getattr(config, name)
-        for each in value if isinstance(value, tuple) else (value,):
+        for each in value if isinstance(value, tuple | list) else (value,):
             # A number that is none compares as False with both.
             require(each is None or least <= each <= most, f"{name} must be {least:g} to {most:g}, got {each}")
 

@@ -1,8 +1,9 @@
 """Settings of the task: reward, observation, episode; and all of it together."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
 
 from zebrat_bullet.config.car import ENGINES, DisturbanceConfig, DynamicsConfig, PhysicsConfig
 from zebrat_bullet.config.checks import of_their_kinds, require, within
@@ -39,6 +40,8 @@ class RewardConfig:
     def __post_init__(self) -> None:
         of_their_kinds(self)
         object.__setattr__(self, "weights", dict(self.weights))
+        for name, weight in self.weights.items():
+            require(isinstance(weight, Real), f"weights: {name} must be a number, got {shown(repr(weight))}")
         require(0 < self.discount <= 1, f"discount must be in (0, 1], got {self.discount}")
         require(self.log_base > 1, f"log_base must be above 1, got {self.log_base}")
         within(self, log_base=(1.0, 1e6), **dict.fromkeys(("collision", "success", "false_exit", "stall"), (-1e9, 1e9)))
@@ -80,8 +83,9 @@ class ObservationConfig:
     trail_steps: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        if isinstance(self.trail_steps, Iterable):
+            object.__setattr__(self, "trail_steps", tuple(self.trail_steps))
         of_their_kinds(self)
-        object.__setattr__(self, "trail_steps", tuple(self.trail_steps))
         within(self, trail_steps=(1, MOST_TRAIL_STEPS))
 
 

@@ -62,7 +62,8 @@ class PlanarVectorEnv(VectorEnv):
     ) -> None:
         config = varied(task, robot, reward, None, noise)
         loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
-        self.drive = PlanarDrive(config, loaded, num_envs, device=device, raw=raw, margin_m=margin_m)
+        seed = int(np.random.default_rng().integers(2**31))  # until a reset names one
+        self.drive = PlanarDrive(config, loaded, num_envs, device=device, seed=seed, raw=raw, margin_m=margin_m)
         self.terminal = terminal_codes(config.reward)
         self.num_envs = num_envs
         self._begun = False
@@ -91,8 +92,6 @@ class PlanarVectorEnv(VectorEnv):
                 "PyBullet's env begins an episode by its number"
             )
         super().reset(seed=seed)
-        if seed is None and not self._begun:
-            seed = int(self.np_random.integers(2**31))
         self._begun = True
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}

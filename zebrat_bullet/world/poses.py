@@ -1,6 +1,6 @@
 """Poses that users name: of which kind they must be, and where."""
 
-import math
+from numbers import Real
 
 import numpy as np
 import shapely
@@ -8,6 +8,7 @@ import shapely
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.elements import MOST_COORDINATE_M
 from zebrat_bullet.world.world import World
 
 
@@ -21,15 +22,12 @@ def pose_from(value: object, what: str) -> Pose2:
     Raises:
         ConfigError: it is neither, or not finite.
     """
-    pose = value
-    if not isinstance(pose, Pose2):
-        values = np.asarray(pose, dtype=object).reshape(-1)
-        if len(values) != 3 or not all(isinstance(each, int | float | np.number) for each in values):
-            raise ConfigError(f"{what} is a Pose2 or (x, y, yaw) in m and rad, got {shown(repr(value))}")
-        pose = Pose2(*map(float, values))
-    if not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
-        raise ConfigError(f"{what} must be finite, got {pose}")
-    return pose
+    values = np.asarray(value, dtype=object).reshape(-1)
+    if len(values) != 3 or not all(isinstance(each, Real) for each in values):
+        raise ConfigError(f"{what} is a Pose2 or (x, y, yaw) in m and rad, got {shown(repr(value))}")
+    if not all(abs(each) <= MOST_COORDINATE_M for each in values):
+        raise ConfigError(f"{what} must be finite, within {MOST_COORDINATE_M:g} of 0, got {shown(repr(value))}")
+    return Pose2(*map(float, values))
 
 
 def require_inside(pose: Pose2, world: World, what: str) -> None:
