@@ -51,8 +51,7 @@ class WorldReference:
         """
         made = self
         if start is not None:
-            pose = (start.x, start.y, start.yaw) if isinstance(start, Pose2) else start
-            x, y, yaw = _numbers("start", pose, 3)
+            x, y, yaw = _numbers("start", start, 3)
             if abs(yaw) > 2 * math.pi + 1e-6:  # a turn in single precision is a hair more
                 raise WorldError(
                     f"start: its yaw is in rad, -2 pi to 2 pi, got {yaw:g}; {yaw:g} degrees are {math.radians(yaw):.4f}"
