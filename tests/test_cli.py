@@ -220,6 +220,7 @@ def test_what_slips_through_is_one_line_that_calls_it_our_bug_and_debug_shows_wh
         (["robots", "--draw", "--out", "cars"], "cars is to be a picture: end it in .png, .svg"),
         (["video", "--agent", "oracle", "--out", "drive.avi"], "a video's name ends in .mp4, got 'drive.avi'"),
         (["worlds", "track_2", "--map", __file__], "worlds: cannot be written: File exists"),
+        (["teleop", "--world", "none", "--out", __file__], "is a file; name a folder, which keeps an episode each"),
     ],
 )
 def test_what_cannot_be_written_is_told_as_the_users_to_mend(command, said, tmp_path, monkeypatch, capfd):
@@ -259,3 +260,8 @@ def test_what_is_wrong_with_a_car_that_is_listed_is_said_of_that_car(tmp_path, c
     (tmp_path / "mine.urdf").write_text(find_asset("urdf", "zebrat", ".urdf").read_text())
     assert main(["robots", str(tmp_path / "mine.urdf"), "--joints", "wheel_radius_m=-1"]) == 1
     assert "mine.urdf: wheel_radius_m is" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("degrees", ["361", "-359"])
+def test_a_start_of_more_than_a_turn_is_in_degrees_all_the_same(degrees, capfd):
+    assert main(["worlds", "track_2", "--start", "1.5", "0", degrees]) == 0, capfd.readouterr().err

@@ -23,6 +23,7 @@ from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.registration import env_id
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError, WorldError
+from zebrat_bullet.task.observation import LEAST_GAP_M
 from zebrat_bullet.types import Pose2
 
 
@@ -323,6 +324,8 @@ def test_what_is_observed_in_contact_lies_in_the_space():
         observation, _, ended, _, info = env.step([0.6, 0.0])
         assert observation in env.observation_space
     assert info["outcome"] == "collision"
+    least = np.log10(np.float32(LEAST_GAP_M))  # the logarithm of a gap that is none
+    assert least >= env.observation_space.low[env.spec_observation.n_rays :].min()
     env.close()
 
 

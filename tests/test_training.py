@@ -450,3 +450,15 @@ def test_a_model_to_begin_with_gives_its_tensors_and_its_pickles_stay_shut(tmp_p
             train(config, tmp_path / f"second-{member}")
         shutil.rmtree(tmp_path / f"second-{member}")
         assert not exploded.exists(), member
+
+
+def test_a_device_that_is_not_there_is_refused_before_tracks_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr("zebrat_bullet.training.run.generate_tracks", lambda *_, **__: pytest.fail("drew tracks"))
+    with pytest.raises(ConfigError, match="device must be one of cpu"):
+        train(TrainConfig(worlds=(), planar=PlanarConfig(device="gpu")), tmp_path / "run")
+
+
+def test_a_summary_counts_the_steps_after_the_last_episode_that_was_logged(tmp_path):
+    (tmp_path / "episodes.csv").write_text("episode,total_steps\n1,300\n")
+    (tmp_path / "evaluations.csv").write_text(",".join(EVALUATION_COLUMNS) + "\n1,512,2.0,0.5,0.5,0,9.0,1\n")
+    assert summarise(tmp_path)["total_steps"] == 512
