@@ -165,6 +165,27 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
     assert tables["collisions"].num_rows > 0 and tables["episodes"].num_rows == 0
 
 
+def test_a_training_of_which_an_algorithm_is_kept_trains_only_the_others_and_goes_on_with_what_is_begun(tiny: Path):
+    kept = tiny / "kept" / "ddpg-ft-big_track-seed0"
+    kept.mkdir(parents=True)
+    (kept / "summary.json").write_text("{}")
+    path = tiny / "manifest.yaml"
+    more = f"rewards: [ft]\n    algos: [ddpg, sac]\n    kept: {tiny / 'kept'}\n    kept_seeds: [0]"
+    path.write_text(TINY.replace("rewards: [ft]", more))
+
+    def asked(budget: str) -> list[str]:
+        (train,) = (step for step in steps(place(tiny, budget)) if isinstance(step, Train))
+        return train.command()[: train.command().index("--preset")]
+
+    assert asked("all") == ["sweep", "--algos", "sac", "--rewards", "ft", "--seeds", "0"]
+    assert asked("more") == ["sweep", "--algos", "ddpg", "sac", "--rewards", "ft", "--seeds", "0", "1"]
+    # Begun there with one seed more, which a sweep in the same folder must name too.
+    begun = tiny / "out" / "training" / "short" / "manifest.json"
+    begun.parent.mkdir(parents=True)
+    begun.write_text(json.dumps({"algos": ["sac"], "rewards": ["ft"], "seeds": [0, 7]}))
+    assert asked("all") == ["sweep", "--algos", "sac", "--rewards", "ft", "--seeds", "0", "7"]
+
+
 @pytest.mark.parametrize(
     ("wrong", "instead", "said"),
     [

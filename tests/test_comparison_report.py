@@ -245,14 +245,44 @@ def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_
     ]
     made = scale_section(Evidence(tables(runs=runs, learning=learning, episodes=drives)))
     (part,) = (part for part in made.parts if part.title == "The paper's algorithms, longer")
-    *curves, grid = part.blocks
+    *curves, grid, apart = part.blocks
     assert [at.name for at in curves] == ["curve_longer_1", "curve_longer_2"]
+    assert apart.rows == ()
     assert b"DDPG FOMT, 2 seeds" in curves[0].data and b"DDPG FOMT, 1 seed<" in curves[1].data
     rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in grid.rows]
     short = ("2 of 2", "40 % (30-50)", "15 % (0-30)", "20 % (10-30)", "not driven", "25 % (0-50)", "50 % (25-75)")
     assert rows == [
         ("DDPG FOMT", "0.1 million steps", *short),
         ("DDPG FOMT", "10 million steps", "1 of 1", "90 %", "0 %", "90 %", *["not driven"] * 3),
+    ]
+
+
+def test_sets_of_one_length_that_differ_in_one_thing_are_held_against_each_other_by_best_and_last_evaluations():
+    def three(algorithm: str, reward: str, *successes: float, **more: Any) -> list[dict[str, Any]]:
+        named = {"algorithm": algorithm, "reward": reward, "study": "paper-at-scale", "asked": "1 step", "steps": 1}
+        of_seeds = [{"seed": seed, "best_success": success, **named} for seed, success in enumerate(successes)]
+        return [
+            run(f"{algorithm} {reward} {of['seed']}", best_collision=0.1 * (reward == "ft"), **of, **more)
+            for of in of_seeds
+        ]
+
+    runs = [
+        *three("ddpg", "ft", 0.1, 0.2, 0.3),
+        *three("ddpg", "fomt", 0.7, 0.8, 0.9),
+        *three("sac", "fomt", 0.5, 0.5, 0.8),
+    ]
+    runs += three("sac", "ft", 0.1, 0.2) + three("sac", "ft", 0.9, state="partial")
+    learning = [{"run": one["run"], "total_steps": 1, "success": one["best_success"] / 2} for one in runs]
+    made = scale_section(Evidence(tables(runs=runs, learning=learning)))
+    (part,) = (part for part in made.parts if part.title == "The paper's algorithms, longer")
+    rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in part.blocks[-1].rows]
+    # Welch's interval of two times three values 0.1 apart: 2.776 x sqrt(2 x 0.01 / 3); of values all alike none.
+    few = ("too few seeds",) * 3
+    assert rows == [
+        ("DDPG FOMT - DDPG FT", "1 step", "+60.0 (+37.3 to +82.7)", "+30.0 (+18.7 to +41.3)", "-10.0"),
+        ("SAC FOMT - SAC FT", "1 step", *few),
+        ("DDPG FOMT - SAC FOMT", "1 step", "+20.0 (-15.5 to +55.5)", "+10.0 (-7.7 to +27.7)", "+0.0"),
+        ("DDPG FT - SAC FT", "1 step", *few),
     ]
 
 

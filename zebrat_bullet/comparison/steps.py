@@ -18,6 +18,7 @@ from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.evaluation.track_set import TrackSet, read_set
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
 
 MADE_BY, SCORES, CASES = "made_by.json", "scores.json", "cases.csv"
@@ -86,13 +87,20 @@ class Train:
         return not self.missing()
 
     def command(self) -> list[str]:
-        """Return the sweep of the seeds that are missing, and of those that another budget has begun in this folder."""
-        runs, missing = runs_of(self.sweep, self.folder), self.missing()
-        begun = self.folder / MANIFEST
-        seeds = {runs[run].seed for run in missing} | set(
-            read_manifest(begun).get("seeds", ()) if is_file(begun) else ()
-        )
-        sweep = replace(self.sweep, seeds=tuple(sorted(seeds)))
+        """Return the sweep of what is missing, and of what another budget has begun in this folder."""
+        missing, begun = set(self.missing()), self.folder / MANIFEST
+        before = read_manifest(begun) if is_file(begun) else {}
+
+        def needed(axis: str) -> tuple[Any, ...]:
+            """Return the values on an axis of missing runs, and those begun: another budget has other seeds."""
+            values, had = getattr(self.sweep, axis), before.get(axis, ())
+            asked = (value for value in values if value in had or not missing.isdisjoint(only(**{axis: (value,)})))
+            return tuple(dict.fromkeys([*asked, *had]))
+
+        def only(**axes: Any) -> dict[Path, TrainConfig]:
+            return runs_of(replace(self.sweep, **axes), self.folder)
+
+        sweep = replace(self.sweep, algos=needed("algos"), rewards=needed("rewards"), seeds=needed("seeds"))
         if init := self.place.manifest.trainings[self.training].init:
             (algo,), (reward,) = sweep.algos, sweep.rewards
             sweep = replace(sweep, set=(*sweep.set, f"init={best_model(self.place, init, algo, reward)}"))

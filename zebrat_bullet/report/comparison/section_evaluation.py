@@ -18,6 +18,7 @@ from zebrat_bullet.report.comparison.evidence import (
     reversed_once,
 )
 from zebrat_bullet.report.comparison.figures import draw_intervals, draw_outcomes
+from zebrat_bullet.report.comparison.numbers import MISSING
 from zebrat_bullet.report.comparison.rules import mean_time_s
 from zebrat_bullet.report.comparison.statistics import LEVEL, Paired, holm, paired_test, sign_flip_test
 from zebrat_bullet.report.learning_stats import estimates
@@ -26,7 +27,6 @@ from zebrat_bullet.world import load_world
 WORLDS = ("big_track", *TRACKS)
 ABLATION = ("RL_FT", "RL_FOT", "RL_FMT", "RL_FOMT")
 BETTER, WORSE = "▲", "▼"
-_MISSING = Cell("not driven", "missing")
 
 
 def evaluation_section(evidence: Evidence) -> Section:
@@ -136,16 +136,16 @@ def seeds_blocks(values: Mapping[str, Sequence[float]], name: str, title: str) -
 
 
 def _seed_cells(at: Mapping[str, Sequence[Drive]]) -> tuple[Cell, ...]:
-    cells = [Cell(f"{100 * rate(at[place]).share:.0f}", "number") if place in at else _MISSING for place in WORLDS]
+    cells = [Cell(f"{100 * rate(at[place]).share:.0f}", "number") if place in at else MISSING for place in WORLDS]
     if not all(place in at for place in TRACKS):
-        return (*cells, _MISSING, _MISSING)
+        return (*cells, MISSING, MISSING)
     pooled = [drive for place in TRACKS for drive in at[place]]
     return (*cells, *(Cell(f"{rate(pooled, what).share:.0%}", "number") for what in (collided, reversed_once)))
 
 
 def _ablation_cells(drives: Sequence[Drive]) -> tuple[Cell, ...]:
     if not drives:
-        return (_MISSING,) * 6
+        return (MISSING,) * 6
     at = rate(drives)
     backed = rate(drives, backed_up)
     features = rate([drive for drive in drives if drive.place in ("track_4", "track_8")])
@@ -182,7 +182,7 @@ def comparison_blocks(evidence: Evidence, scope: Scope, methods: Sequence[str], 
 
 def _success(drives: Sequence[Drive], mark: str = "") -> Cell:
     if not drives:
-        return _MISSING
+        return MISSING
     kind: Kind = "good" if mark == BETTER else "bad" if mark == WORSE else ""
     return Cell(f"{_with_interval(drives)}{f' {mark}' if mark else ''}", kind)
 
@@ -195,7 +195,7 @@ def _with_interval(drives: Sequence[Drive]) -> str:
 
 def _rest(drives: Sequence[Drive]) -> Cell:
     if not drives:
-        return _MISSING
+        return MISSING
     time_s = mean_time_s(drives)
     said = f"{100 * rate(drives, failed).share:.0f} / {100 * rate(drives, collided).share:.0f}"
     return Cell(said + (f", {time_s:.1f} s" if time_s is not None else ""))

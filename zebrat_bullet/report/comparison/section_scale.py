@@ -1,7 +1,7 @@
-"""At scale: the sets over their seeds, on the tracks and on the held-out sets; longer runs; fairer rivals."""
+"""At scale: the sets over their seeds, on the tracks and on the held-out sets; fairer rivals."""
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Picture, Row, Section, Text
@@ -15,13 +15,12 @@ from zebrat_bullet.report.comparison.evidence import (
     failed,
     rate,
 )
-from zebrat_bullet.report.comparison.figures import draw_bands, draw_seed_lines
+from zebrat_bullet.report.comparison.figures import draw_seed_lines
+from zebrat_bullet.report.comparison.numbers import points, seeds_cell, share_cell
 from zebrat_bullet.report.comparison.rules import mean_time_s
 from zebrat_bullet.report.comparison.section_evaluation import ABLATION, comparison_blocks, seeds_blocks
-from zebrat_bullet.report.comparison.section_training import learning_bands
-from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, seeds_difference
+from zebrat_bullet.report.comparison.section_longer import longer_blocks
 
-_MISSING = Cell("not driven", "missing")
 _MOST_REVERSALS = 6
 _POLICIES = (*ABLATION, "shipped", "allround")
 
@@ -41,7 +40,7 @@ def scale_section(evidence: Evidence) -> Section:
         Section("By held-out set", tuple(_held_out(evidence, _by_set))),
         Section("A dearer contact, and a margin", tuple(_variants(evidence))),
         Section("By certified reversals", tuple(_by_reversals(evidence))),
-        Section("The paper's algorithms, longer", tuple(_longer(evidence))),
+        Section("The paper's algorithms, longer", tuple(longer_blocks(evidence))),
     )
     return Section("At scale", (said,), parts)
 
@@ -66,7 +65,7 @@ def rivals_section(evidence: Evidence) -> Section:
         shares = (rate(drives), rate(drives, failed), rate(drives, collided))
         time_s = mean_time_s(drives)
         numbers = (str(len(drives)), str(shares[0]), *(f"{each.share:.0%}" for each in shares[1:]), _seconds(time_s))
-        track = [_share(places.get(place)) for place in TRACKS]
+        track = [share_cell(places.get(place)) for place in TRACKS]
         rows.append((method, setting or "-", *(Cell(text, "number") for text in numbers), *track))
     head = ("method", "setting", "episodes", "success (95 %)", "fail", "collision", "time, s", *TRACKS)
     return Section("Rivals", (said, Grid(head, tuple(rows), "Success by track in the last eight columns.")))
@@ -74,10 +73,6 @@ def rivals_section(evidence: Evidence) -> Section:
 
 def _seconds(time_s: float | None) -> str:
     return "-" if time_s is None else f"{time_s:.1f}"
-
-
-def _share(drives: Sequence[Drive] | None) -> Cell:
-    return Cell(f"{100 * rate(drives).share:.0f} %", "number") if drives else _MISSING
 
 
 def _label(evidence: Evidence, method: str, run: str | None) -> str:
@@ -173,15 +168,8 @@ def _grid(shares: _Shares, numbers: Mapping[str, int], caption: str) -> Grid:
     groups = sorted(numbers)
     rows: list[Row] = [("*episodes of a run*", *(Cell(f"{numbers[name]:,}", "number") for name in groups))]
     for label, of_label in shares.items():
-        rows.append((label, *(_seeds_cell(of_label.get(name)) for name in groups)))
+        rows.append((label, *(seeds_cell(of_label.get(name)) for name in groups)))
     return Grid(("set", *groups), tuple(rows), caption)
-
-
-def _seeds_cell(shares: Sequence[float] | None) -> Cell:
-    if not shares:
-        return _MISSING
-    said = f"{100 * sum(shares) / len(shares):.0f} %"
-    return Cell(said + (f" ({100 * min(shares):.0f}-{100 * max(shares):.0f})" if len(shares) > 1 else ""), "number")
 
 
 def _variants(evidence: Evidence) -> list[Block]:
@@ -192,8 +180,8 @@ def _variants(evidence: Evidence) -> list[Block]:
         for variant, words in VARIANTS.items():
             its = {outcome: evidence.on_sets(method, STRAIGHT_OUT, outcome, variant) for outcome in plain}
             if its["success"]:
-                apart = [_points(its[outcome], plain[outcome]) if variant else "-" for outcome in plain]
-                shares = [_seeds_cell(of_outcome) for of_outcome in its.values()]
+                apart = [points(its[outcome], plain[outcome]) if variant else "-" for outcome in plain]
+                shares = [seeds_cell(of_outcome) for of_outcome in its.values()]
                 rows.append((method, words or "as it is", str(len(its["success"])), *shares, *apart))
     if not any(row[1] in VARIANTS.values() for row in rows):
         return [Text("*Not driven at this budget.*")]
@@ -203,75 +191,3 @@ def _variants(evidence: Evidence) -> list[Block]:
         "the greatest; differences with Welch's 95 % interval over seeds."
     )
     return [Grid(head, tuple(rows), caption)]
-
-
-def _points(a: Sequence[float], b: Sequence[float]) -> str:
-    """Return how many points of 100 more the one is over its runs, with its interval."""
-    if min(len(a), len(b)) < ENOUGH_SEEDS:
-        return "too few seeds"
-    at = seeds_difference(a, b)
-    return f"{100 * at.value:+.1f} ({100 * at.low:+.1f} to {100 * at.high:+.1f})"
-
-
-def _longer(evidence: Evidence) -> list[Block]:
-    """Return what DDPG and SAC reach at each length: in their own evaluations, on the tracks, on held-out tracks."""
-    runs: dict[tuple[str, str], dict[str, list[dict[str, Any]]]] = defaultdict(lambda: defaultdict(list))
-    lengths: dict[str, int] = {}
-    for run in evidence.runs:
-        if run["study"] == "paper-at-scale":
-            runs[run["algorithm"], run["reward"]][run["asked"] or ""].append(run)
-            lengths[run["asked"] or ""] = max(lengths.get(run["asked"] or "", 0), run["steps"] or 0)
-    if not runs:
-        return [Text("*Not driven at this budget.*")]
-    tracks: dict[str | None, list[Drive]] = defaultdict(list)
-    for drive in evidence.drives:
-        if drive.study == "paper-at-scale" and drive.place in TRACKS:
-            tracks[drive.run].append(drive)
-    held_out: dict[str | None, Counter[str]] = defaultdict(Counter)
-    for row in evidence.held_out:
-        if row["study"] == "paper-at-scale" and _reversals(row) == "0":
-            held_out[row["run"]][row["outcome"]] += row["n"]
-    last: dict[str, tuple[int, float]] = {}
-    for row in evidence.learning:
-        if row["success"] is not None:
-            last[row["run"]] = max(last.get(row["run"], (-1, 0.0)), (row["total_steps"] or 0, row["success"]))
-    rows: list[Row] = []
-    for (algorithm, reward), of_length in sorted(runs.items()):
-        for asked in sorted(of_length, key=lambda asked: (lengths[asked], asked)):
-            complete = [run for run in of_length[asked] if run["state"] == "complete"]
-            best = [
-                _seeds_cell([run[f"best_{what}"] for run in complete if run[f"best_{what}"] is not None])
-                for what in ("success", "collision")
-            ]
-            best.append(_seeds_cell([last[run["run"]][1] for run in complete if run["run"] in last]))
-            judged = [drive for run in of_length[asked] for drive in tracks[run["run"]]]
-            name = f"{algorithm.upper()} {reward.upper()}"
-            counts = [held_out[run["run"]] for run in of_length[asked] if held_out[run["run"]]]
-            out = [_seeds_cell([n[what] / n.total() for n in counts]) for what in ("success", "collision")]
-            seeds = f"{len(complete)} of {len(of_length[asked])}"
-            rows.append((name, asked, seeds, *best, _share(judged), *out))
-    own = ("own evaluations: success", "collision", "the last one's: success")
-    head = ("set", "asked for", "seeds complete", *own, "Tracks 1-8, best seed")
-    caption = (
-        "Own evaluations: the best policy of each run in the generated tracks that it was chosen by, so they flatter "
-        "most what swings most from one evaluation to the next; beside them that of the last evaluation. Means over "
-        "seeds, and in brackets from the least to the greatest. Held out: the best seed in the "
-        "held-out tracks that need no reversing, dead ends not among them. What neither leaves nor touches stalls, "
-        "leaves where there is no exit, or runs out of time."
-    )
-    by_length = sorted(lengths, key=lambda asked: (lengths[asked], asked))
-    drawn = [_longer_curve(evidence, asked, f"curve_longer_{n}") for n, asked in enumerate(by_length, start=1)]
-    return [*filter(None, drawn), Grid((*head, "held out, best seed: success", "collision"), tuple(rows), caption)]
-
-
-def _longer_curve(evidence: Evidence, asked: str, name: str) -> Picture | None:
-    """Draw the evaluations of the runs of one length; None where there are none."""
-
-    def keep(run: dict[str, Any]) -> bool:
-        return run["study"] == "paper-at-scale" and (run["asked"] or "") == asked
-
-    if not (bands := learning_bands(evidence, "success", keep, "set", "total_steps")):
-        return None
-    title = f"Success in evaluations without exploration, DDPG and SAC on generated tracks, {asked}"
-    drawn = draw_bands(bands, "steps", "success in evaluations")
-    return Picture(name, drawn, title, title)
