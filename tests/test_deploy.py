@@ -182,20 +182,23 @@ STOPS: dict[str, tuple[Callable[[Driver], Decision], str]] = {
         lambda d: d.drive_cloud(a_cloud(), rotation_level=np.diag([1.0, 1.0, -1.0])),
         "must be a .3, 3. rotation matrix",
     ),
-    "age of None": (lambda d: d.drive_cloud(a_cloud(), age_s=None), "the scan is None s old"),
+    "age of None": (lambda d: d.drive_cloud(a_cloud(), age_s=None), "age is a number of seconds, got None"),
     "few points": (lambda d: d.drive_cloud(np.ones((99, 3), np.float32)), "99 of 99 points"),
     "stale cloud": (lambda d: d.drive_cloud(a_cloud(), age_s=0.31), r"0.310 s old, at most 0.300 s"),
     "stale scan": (lambda d: d.drive_scan(FREE, age_s=0.31), "look whether the lidar is alive"),
-    "from the future": (lambda d: d.drive_cloud(a_cloud(), age_s=-0.5), "its clock is right"),
+    "from the future": (
+        lambda d: d.drive_cloud(a_cloud(), age_s=-0.03),
+        "from 0.030 s in the future: the lidar's clock",
+    ),
     "no age": (lambda d: d.drive_cloud(a_cloud(), age_s=math.nan), "the scan is nan s old"),
     "no rotation": (lambda d: d.drive_cloud(a_cloud(), rotation_level=2.0 * np.eye(3)), "rotation matrix"),
     "nan rotation": (lambda d: d.drive_cloud(a_cloud(), rotation_level=np.full((3, 3), np.nan)), "rotation matrix"),
     "no height": (
         lambda d: d.drive_cloud(a_cloud(), height_m=math.nan),
-        "height above the floor is 0 to 100 m, got nan",
+        "height above the floor is 0 to 10 m, got nan",
     ),
-    "a height in mm": (lambda d: d.drive_cloud(a_cloud(), height_m=750.0), "height above the floor is 0 to 100 m"),
-    "a height of words": (lambda d: d.drive_cloud(a_cloud(), height_m="low"), "height above the floor is 0 to 100 m"),
+    "a height in cm": (lambda d: d.drive_cloud(a_cloud(), height_m=75.0), "height above the floor is 0 to 10 m"),
+    "a height of words": (lambda d: d.drive_cloud(a_cloud(), height_m="low"), "height above the floor is 0 to 10 m"),
     "table of scans": (lambda d: d.drive_scan(np.ones((2, 360), np.float32)), r"shape \(n,\), .* got \(2, 360\)"),
     "no rays": (lambda d: d.drive_scan(np.zeros(0, np.float32)), "a ray every 360 degrees"),
     "nan rays": (lambda d: d.drive_scan(np.full(360, np.nan, np.float32)), "0 of 360 rays have a return"),
@@ -210,8 +213,15 @@ STOPS: dict[str, tuple[Callable[[Driver], Decision], str]] = {
         lambda d: d.drive_scan(np.full(541, 2.0, np.float32), -2.356, math.radians(0.5)),
         r"from -135.0 to 135.0 degrees, leaves out \d+ of the 32 bearings",
     ),
-    "no increment": (lambda d: d.drive_scan(FREE, -math.pi, 0.0), "steps above 0 rad"),
-    "nan angle": (lambda d: d.drive_scan(FREE, math.nan, 0.01), "begins at a finite bearing"),
+    "no increment": (lambda d: d.drive_scan(FREE, -math.pi, 0.0), "steps other than 0, both in radians"),
+    "nan angle": (
+        lambda d: d.drive_scan(FREE, math.nan, 0.01),
+        "begins at a bearing of -2 pi to 2 pi .* angle_min nan",
+    ),
+    "an angle in degrees": (lambda d: d.drive_scan(FREE, -90.0), "both in radians, got angle_min -90.0"),
+    "an angle that is none": (lambda d: d.drive_scan(FREE, None), "both in radians, got angle_min None"),
+    "a step of words": (lambda d: d.drive_scan(FREE, 0.0, "1"), "angle_increment '1'"),
+    "masked, all of it": (lambda d: d.drive_cloud(np.ma.masked_all((5760, 3), np.float32)), "0 of 5760 points"),
 }
 
 
@@ -257,6 +267,28 @@ def test_a_policy_refuses_another_car(folder, driver):
         Driver.load(folder, car=replace(driver.car, wheelbase_m=0.6, max_speed_mps=1.0))
     with pytest.raises(PolicyError, match="outline_base"):
         Driver.load(folder, car=replace(driver.car, outline_base=corners[:3]))
+    turned = ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+    with pytest.raises(PolicyError, match="lidar_rotation_base"):
+        Driver.load(folder, car=replace(driver.car, lidar_rotation_base=turned))
+    with pytest.raises(ConfigError, match="is no rotation"):
+        replace(driver.car, lidar_rotation_base=((1.0, 0.0), (0.0, 1.0)))
+    # How it brakes the policy does not know: the supervisor is told of the real car.
+    assert Driver.load(folder, car=replace(driver.car, deceleration_mps2=0.5)).car.deceleration_mps2 == 0.5
+
+
+def test_a_scan_from_end_to_end_and_numbers_of_numpy_are_taken(driver):
+    """Of 360 rays from -pi to pi, both named, each stands 1.003 degrees from the next."""
+    plain = driver.drive_scan(FREE, -math.pi)
+    assert not plain.refusal
+    closed = driver.drive_scan(FREE, -math.pi, 2.0 * math.pi / 359)
+    assert not closed.refusal, closed.refusal
+    masked = np.ma.masked_invalid(a_cloud())
+    expected = both(driver, driver.drive_cloud(a_cloud(), np.float32(0.05)))
+    driver.last_command = driver.last_command
+    driver.reset()
+    first = both(driver, driver.drive_cloud(a_cloud(), np.int64(0)))
+    driver.reset()
+    assert both(driver, driver.drive_cloud(masked, np.float64(0.0))) == first and expected
 
 
 # Files of others.

@@ -15,6 +15,7 @@ from exported import SPEC, random_policy, way
 from zebrat_bullet.agents import load_agent, trained_task
 from zebrat_bullet.agents.export import export_policy
 from zebrat_bullet.agents.policy import PolicyAgent, save_policy
+from zebrat_bullet.cli import main
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.deploy import Driver
 from zebrat_bullet.deploy.network import OPERATIONS
@@ -114,6 +115,22 @@ def test_a_car_that_is_a_file_is_told_by_its_name(tmp_path):
     policy = random_policy("tanh", "relu", tmp_path)
     made = export_policy(str(policy), tmp_path / "out", robot=str(tmp_path / "mine.urdf"))
     assert made.car.name == "mine" and str(tmp_path) not in (tmp_path / "out/policy.json").read_text()
+
+
+def test_a_policy_exported_for_a_car_that_it_was_not_trained_for_says_so(tmp_path, capfd):
+    urdf = tmp_path / "higher.urdf"
+    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text()
+    urdf.write_text(text.replace('<origin xyz="0.4 0 0.75"/>', '<origin xyz="0.4 0 0.5"/>'))
+    assert main(["export", "shipped", "--robot", str(urdf), "--out", str(tmp_path / "higher")]) == 0
+    told = "lidar_xyz_base (0.4, 0.0, 0.5) instead of (0.4, 0.0, 0.75)"
+    said = capfd.readouterr().out
+    assert told in said and "judge it on this one" in said
+    assert (
+        f"- **It was trained for another car**, not judged on this one: {told}."
+        in (tmp_path / "higher" / "README.md").read_text()
+    )
+    assert main(["export", "shipped", "--robot", "zebrat", "--out", str(tmp_path / "same")]) == 0
+    assert "trained for another car" not in capfd.readouterr().out + (tmp_path / "same" / "README.md").read_text()
 
 
 def test_what_is_no_network_or_was_guided_or_has_another_car_is_not_exported(tmp_path):

@@ -4,6 +4,7 @@ import csv
 import json
 import struct
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,16 +16,20 @@ from rosbags.typesys import Stores
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.cli import main
-from zebrat_bullet.config import FlattenConfig
+from zebrat_bullet.config import FlattenConfig, TaskConfig
+from zebrat_bullet.deploy.driver import Limits
 from zebrat_bullet.errors import ConfigError, SensorError, ZebratError
+from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.recording.bag import Bag
 from zebrat_bullet.recording.differences import summary
+from zebrat_bullet.recording.messages import scan_message
 from zebrat_bullet.recording.open_loop import Reader, run_open_loop
 from zebrat_bullet.recording.senses import Eyes, Mount
 from zebrat_bullet.recording.topics import choose_topics
 from zebrat_bullet.recording.unpack import unzstd
 from zebrat_bullet.recording.write import write_recording
-from zebrat_bullet.types import Command
+from zebrat_bullet.robot import load_robot
+from zebrat_bullet.types import Command, FlatScan
 
 TIGHT = (1e-6, 1e-6)
 
@@ -36,10 +41,10 @@ def ours(tmp_path_factory):
     return path
 
 
-def open_loop(path, lidar="", command="", odometry="", agent="shipped", reader=None, policy=None):
+def open_loop(path, lidar="", command="", odometry="", agent="shipped", reader=None, policy=None, its=None):
     with Bag(path) as bag:
-        topics = choose_topics(bag, lidar, command, odometry)
-        return run_open_loop(bag, topics, policy or load_agent(agent, task()), task(), reader)
+        topics, its = choose_topics(bag, lidar, command, odometry), its or task()
+        return run_open_loop(bag, topics, policy or load_agent(agent, its), its, reader)
 
 
 def clouds(n=None):
@@ -223,11 +228,46 @@ def test_a_lidar_mounted_otherwise_is_read_by_its_mount():
     points = np.array([[2.0, y, -0.4] for y in np.linspace(-0.5, 0.5, 200)], np.float32)
     low = replace(task(), flatten=FlattenConfig(height_min_m=0.05, height_max_m=0.15))
     mount = Mount(height_m=0.5, rpy_rad=(0.0, 0.0, np.pi / 2.0))
-    scan = Eyes(low, mount, np.arange(0)).cloud(Messages().cloud(points))
+    anywhere = Limits(least_sector_points=0)
+    scan = Eyes(low, mount, np.arange(0), anywhere).cloud(Messages().cloud(points))
     assert scan.ranges_m[270] == pytest.approx(2.0, abs=0.01) and (scan.ranges_m < 6.0).sum() > 20
     assert scan.ranges_m[:180].min() == 6.0
-    higher = Eyes(low, replace(mount, height_m=0.7), np.arange(0)).cloud(Messages().cloud(points))
+    higher = Eyes(low, replace(mount, height_m=0.7), np.arange(0), anywhere).cloud(Messages().cloud(points))
     assert higher.ranges_m.min() == 6.0
+    with pytest.raises(SensorError, match="an eighth of the turn"):  # as on the car
+        Eyes(low, mount, np.arange(0)).cloud(Messages().cloud(points))
+
+
+def test_a_policy_with_a_memory_is_asked_once_a_control_step_of_a_faster_lidar(tmp_path):
+    messages = Messages()
+    bags = {}
+    for n_times in (1, 2):
+        seen = [
+            ("/points", CLOUD, 0.2 * i + 0.1 * k, messages.cloud(points, 0.2 * i + 0.1 * k))
+            for i, points in enumerate(clouds(20))
+            for k in range(n_times)
+        ]
+        told = [
+            ("/cmd", ACKERMANN, 0.2 * i + 0.01, messages.ackermann(*command, 0.2 * i))
+            for i, command in enumerate(episode().record.command[:20].tolist())
+        ]
+        bags[n_times] = write_bag(tmp_path / f"{n_times}", messages, sorted([*told, *seen], key=lambda each: each[2]))
+    its, _ = as_trained(TaskConfig(), "allround", own_robot=True)
+    once, twice = (open_loop(bags[n], agent="allround", its=its) for n in (1, 2))
+    assert (once.n_early, twice.n_early) == (0, 20)
+    assert [answer.command for answer in twice.answers] == [answer.command for answer in once.answers]
+    assert open_loop(bags[2]).n_early == 0  # without one every scan is looked at
+
+
+@pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.0, 0.0, np.pi), (np.pi, 0.0, -0.7)])
+def test_a_recorded_scan_is_told_in_the_frame_of_the_lidar_as_it_is_mounted(rpy):
+    scan = FlatScan(episode().record.scan_m[5], 6.0)
+    made = scan_message(scan, replace(load_robot("zebrat"), lidar_rpy=np.array(rpy)), 0.2, 1.0)
+    stamped = SimpleNamespace(**made | {"header": SimpleNamespace(frame_id="lidar"), "range_min": 0.0})
+    seen = Eyes(task(), Mount(height_m=0.75, rpy_rad=rpy), np.arange(0)).scan(stamped)
+    assert np.abs(seen.ranges_m - scan.ranges_m).max() < 1e-6
+    if rpy == (0.0, 0.0, 0.0):
+        assert made["angle_min"] == -np.pi and made["angle_increment"] == 2.0 * np.pi / 360
 
 
 def ouster(points, messages):
@@ -289,7 +329,7 @@ BAD_SCANS = {
     "too coarse": (lambda m: m.scan(np.full(90, 2.0)), "a ray every 4 degrees"),
     "ahead only": (lambda m: m.scan(np.full(180, 2.0), angle_increment=np.pi / 180.0), "leaves out"),
     "nothing but nan": (lambda m: m.scan(np.full(360, np.nan)), "0 of 360 rays have a return"),
-    "no ray": (lambda m: m.scan(np.zeros(0), angle_increment=0.0), "goes on by steps above 0"),
+    "no ray": (lambda m: m.scan(np.zeros(0), angle_increment=0.0), "goes on by steps other than 0"),
     "steps that are no number": (lambda m: m.scan(np.full(360, 2.0), angle_increment=np.nan), "angle_increment nan"),
     "limits that are none": (lambda m: m.scan(np.full(360, 2.0), range_max=0.05), "below range_max"),
 }
@@ -467,7 +507,7 @@ def test_the_command_says_in_words_what_differs(tmp_path, capfd, ours):
         (["--bag", "none.mcap"], "none.mcap: no such file"),
         (["--bag", "none.mcap", "--tolerance", "-1", "0"], "a tolerance is"),
         (["--bag", "none.mcap", "--delay", "2"], "0 to 1 s after its scan"),
-        (["--bag", "none.mcap", "--lidar-height", "nan"], "mounted 0 to 100 m high"),
+        (["--bag", "none.mcap", "--lidar-height", "nan"], "mounted 0 to 10 m high"),
         (["--bag", "none.mcap", "--agent", "nobody"], "no agent 'nobody'"),
     ],
 )

@@ -264,6 +264,12 @@ def _cut(message: PointCloud2) -> PointCloud2:
         (["-p", "lidar_yaw_rad:=.inf"], "lidar_yaw_rad must be -2 pi to 2 pi"),
         (["-p", "reliability:=sure"], "reliability must be best_effort or reliable"),
         (["-p", "max_speed_mps:=0.0"], "max_speed_mps must be above 0"),
+        (["-p", "max_speed_mps:=300.0"], "max_speed_mps is 300, above the policy's own limit of 0.6"),
+        (["-p", "max_steering_rad:=30.0"], "max_steering_rad is 30, above the policy's own limit of 0.6"),
+        (["-p", "deceleration_mps2:=-1.0"], "deceleration_mps2 must be 0 to 100, got -1.0"),
+        (["-p", "delay_s:=200.0"], "delay_s must be 0 to 10, got 200.0"),
+        (["-p", "least_sector_points:=-1"], "least_sector_points must be 0 to"),
+        (["-p", "driver:max_speed_mps:=0.3"], "is for another node, this one is zebrat_drive; leave its name out"),
         (["-p", "watchdog_s:=0.1"], "watchdog_s must be above the policy's control step of 0.2 s"),
         (["-p", "watchdog_s:=.nan"], "watchdog_s must be 0.05 to 10, got nan"),
         (["-p", "supervised:=maybe"], "supervised must be a bool"),
@@ -279,7 +285,62 @@ def test_a_wrong_parameter_is_refused(processes, policy, arguments, told):
         drive(str(policy), arguments)
 
 
-def test_a_policy_that_is_none_is_refused(processes, tmp_path):
+@pytest.mark.parametrize(
+    "renamed, first_line, told",
+    [
+        ((), "zebrat_driver:", "parameters of zebrat_driver and none of zebrat_drive"),
+        (("-r", "__node:=front"), "zebrat_drive:", "parameters of zebrat_drive and none of front"),
+        ((), "zebrat_drive:", ""),
+        ((), "/zebrat_drive:", ""),
+        ((), '"/**":', ""),
+        (("-r", "__node:=front"), "front:", ""),
+        (("-r", "__ns:=/car"), "/car/zebrat_drive:", ""),
+        (("-r", "__ns:=/car"), "car:\n  zebrat_drive:", ""),
+    ],
+)
+def test_a_parameter_file_for_other_nodes_alone_is_refused(processes, tmp_path, renamed, first_line, told):
+    path = tmp_path / "drive.yaml"
+    indent = "  " * (1 + first_line.count("\n"))
+    lines = [f"{indent}ros__parameters:", f"{indent}  margin_m: 0.25  # wide: yes"]
+    path.write_text("\n".join(["# of the car", first_line, *lines]) + "\n")
+    arguments = ["--params-file", str(path), *renamed]
+    with ros(arguments):
+        if told:
+            with pytest.raises(ConfigError, match=told):
+                make_node("zebrat_drive", arguments)
+        else:
+            node = make_node("zebrat_drive", arguments)
+            assert read_parameters(node, DriveSettings).margin_m == 0.25
+            node.destroy_node()
+
+
+def test_a_terminal_that_is_closed_ends_in_a_stop(processes, policy, probe):
+    lidar, good = probe.publisher(PointCloud2, "points"), corridor()
+    driver = processes.drive(policy, sim_time=False)
+    probe.until(lambda: _sent(lidar, lambda: cloud(good)) and probe.commands and probe.commands[-1][1] != 0.0)
+    driver.send_signal(signal.SIGHUP)
+    probe.until(lambda: probe.commands[-1][1] == 0.0)
+    assert driver.wait(60.0) == 0, said(driver)
+    assert "at up to 0.6 m/s and 0.6 rad, supervised at 0.01 m" in said(driver)
+
+
+def test_the_car_s_own_braking_and_delay_reach_the_supervisor(processes, policy, monkeypatch):
+    made = []
+    monkeypatch.setattr("zebrat_bullet.ros.drive_node.DriveNode", lambda *given: made.append(given) or _stop_here())
+    with pytest.raises(KeyboardInterrupt):
+        drive(str(policy), ["-p", "deceleration_mps2:=0.5", "-p", "delay_s:=0.1", "-p", "least_sector_points:=0"])
+    (_, _, driver, supervisor) = made[0]
+    assert (supervisor.car.deceleration_mps2, supervisor.delay_s) == (0.5, 0.1)
+    assert driver._limits.least_sector_points == 0
+
+
+def _stop_here() -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_policy_that_is_none_is_refused(processes, policy, tmp_path):
+    with pytest.raises(ConfigError, match=re.escape(f"name its folder, {policy}")):
+        drive(str(policy / "policy.onnx"), [])
     with pytest.raises(ConfigError, match="no policy; give --policy"):
         drive("", [])
     with pytest.raises(PolicyError, match=r"policy\.json"):
@@ -419,7 +480,7 @@ def test_what_we_publish_is_read_back():
     read = cloud_points(message)
     assert (message.height, message.width) == (4, 16) and message.header.stamp == Time(sec=1, nanosec=250_000_000)
     assert np.array_equal(read[valid], POINTS[valid]) and np.isnan(read[~valid]).all()
-    scan = scan_message(FlatScan(np.array([1, 6, 2, 3], np.float32), 6.0), time_of(0.0), "lidar", 0.2)
+    scan = scan_message(FlatScan(np.array([1, 6, 2, 3], np.float32), 6.0), np.eye(3), time_of(0.0), "lidar", 0.2)
     assert scan_ranges(scan).tolist() == [1.0, math.inf, 2.0, 3.0]
     assert scan.angle_min + 3 * scan.angle_increment == pytest.approx(scan.angle_max) == pytest.approx(math.pi / 2)
 

@@ -1,21 +1,33 @@
 """What the driving node makes of stamps: its methods called with real messages, at times that the test sets."""
 
+import math
+import re
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'zebrat-bullet[ros]'")
 
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from ros_probe import Domain, cloud, corridor
 
 from zebrat_bullet.agents.export import export_policy
+from zebrat_bullet.deploy.decision import Decision
 from zebrat_bullet.deploy.driver import Driver, Limits
 from zebrat_bullet.deploy.supervisor import Supervisor
+from zebrat_bullet.errors import PolicyError
+from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.ros import drive_node
 from zebrat_bullet.ros.parameters import DriveSettings, make_node, read_parameters
+from zebrat_bullet.ros.publish import scan_message, time_of
 from zebrat_bullet.ros.runtime import ros
+from zebrat_bullet.types import Command, FlatScan
 
 WATCHDOG_S = 0.4
 TICK_S = WATCHDOG_S / 10.0
@@ -23,11 +35,14 @@ BEGIN_S = 1000.0
 CORRIDOR = corridor()
 
 
+def _exported(folder: Path, policy: str = "shipped", robot: str | None = None) -> Driver:
+    export_policy(policy, folder, robot)
+    return Driver.load(folder, limits=Limits(stale_s=WATCHDOG_S))
+
+
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory) -> Driver:
-    folder = tmp_path_factory.mktemp("shipped")
-    export_policy("shipped", folder)
-    return Driver.load(folder, limits=Limits(stale_s=WATCHDOG_S))
+    return _exported(tmp_path_factory.mktemp("shipped"))
 
 
 class Run:
@@ -39,6 +54,7 @@ class Run:
         self.sent: list[tuple[float, float]] = []
         self.refusals: list[str] = []
         self.ages: list[float] = []
+        self.holds: list[float | None] = []
         driver.reset()
         supervisor = Supervisor(driver.car, driver.definition.control_step_s, self.settings.margin_m, WATCHDOG_S)
         self.node = drive_node.DriveNode(node, self.settings, driver, supervisor)
@@ -51,9 +67,10 @@ class Run:
             self.refusals.append(decision.refusal)
             send(decision)
 
-        def checked(command, scan, speed, steering, age_s=0.0):
+        def checked(command, scan, speed, steering, age_s=0.0, hold_s=None):
             self.ages.append(age_s)
-            return check(command, scan, speed, steering, age_s)
+            self.holds.append(hold_s)
+            return check(command, scan, speed, steering, age_s, hold_s)
 
         monkeypatch.setattr(self.node, "_send", sent)
         monkeypatch.setattr(supervisor, "check", checked)
@@ -156,3 +173,92 @@ def test_the_age_of_the_measured_speed_counts_from_its_arrival(run):
     assert run.node._measured_speed() == 0.5
     run.now_s += 0.02
     assert run.node._measured_speed() is None
+
+
+def test_a_stamp_some_milliseconds_before_the_last_is_no_clock_that_was_set(run):
+    """A lidar at 20 Hz whose every second stamp is 30 ms early is driven by five times a second, not ten."""
+    stamps = (BEGIN_S + 0.05 * n - 0.08 * (n % 2) for n in range(1000))
+    run.until(BEGIN_S + 4.0, lambda _: next(stamps), 0.06)
+    assert 14 <= len(run.sent) <= 20, len(run.sent)
+
+
+# --- How far ahead the supervisor looks, and what a policy with a memory is told
+
+
+def test_the_supervisor_looks_as_far_ahead_as_a_slow_lidar_s_next_scan_and_the_log_says_so(run, capfd):
+    run.until(BEGIN_S + 2.0, lambda now_s: now_s, 0.2)
+    assert set(run.holds) == {None}
+    run.until(BEGIN_S + 4.0, lambda now_s: now_s, 0.34)
+    assert run.holds[-1] == pytest.approx(0.34, abs=1e-6)
+    assert "scans came up to 0.34 s apart, the policy has learned to decide every 0.2 s" in capfd.readouterr().err
+    run.until(BEGIN_S + 8.0, lambda now_s: now_s, 0.2)
+    assert run.holds[-1] is None
+
+
+def _driven_m(run: Run) -> float:
+    """Return how far straight commands have taken a car that does what it is told, until the last of them."""
+    return sum(speed * (b - a) for (a, speed), (b, _) in zip(run.sent, run.sent[1:], strict=False))
+
+
+@pytest.mark.parametrize("period_s", [0.06, 0.1, 0.14, 0.16, 0.2, 0.24, 0.34])
+def test_the_memory_of_a_policy_goes_by_time_at_any_rate_of_the_lidar(tmp_path, monkeypatch, period_s):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    domain = Domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain.id))
+    with closing(domain), ros(()):
+        run = Run(_exported(tmp_path, "allround"), monkeypatch)
+        monkeypatch.setattr(run.node, "_checked", lambda decision, age_s: _straight(run, decision))
+        run.until(BEGIN_S + 3.0, lambda now_s: now_s, period_s)
+        for _ in range(3):  # a scan that is refused, and none for some time, in which the watchdog stops the car
+            run.node._on_scan(cloud(CORRIDOR, frame="another", stamp_s=run.now_s))
+            run.until(run.now_s + 0.8, lambda _: BEGIN_S, 0.2)
+            run.until(run.now_s + 1.0, lambda now_s: now_s, period_s)
+        poses = run.node._driver._trail.state()["trail"]
+        assert poses[0, 0, 0] == pytest.approx(_driven_m(run), abs=0.02)
+
+
+def _straight(run: Run, decision: Decision) -> Decision:
+    command = Command(0.0 if decision.refusal else 0.5, 0.0)
+    run.node._driver.last_command = command
+    return replace(decision, command=command)
+
+
+# --- A lidar that is mounted otherwise
+
+
+MOUNTS = {"turned": (0.0, 0.0, math.pi), "to the left": (0.0, 0.0, 1.3), "upside down": (math.pi, 0.0, 0.4)}
+
+
+@pytest.mark.parametrize("rpy", MOUNTS.values(), ids=MOUNTS)
+def test_clouds_and_scans_of_a_lidar_mounted_otherwise_say_the_same_as_of_a_level_one(driver, tmp_path, run, rpy):
+    """What stands to the left ahead is there, whichever way the lidar's frame is turned and whichever sensor it is."""
+    wall = np.array([[2.0 + 0.2 * math.sin(a), a, z] for a in np.linspace(-2.0, 1.0, 300) for z in (-0.4, 0.0)])
+    behind = np.array([[-3.0, a, 0.0] for a in np.linspace(-3.0, 3.0, 300)])
+    floor = np.array([[math.cos(a), math.sin(a), -0.75] for a in np.linspace(0.0, 6.2, 64)])
+    points = np.concatenate([wall, behind, floor])
+    driver.drive_cloud(points)
+    expected = driver.last_scan.ranges_m.copy()
+    urdf = tmp_path / "mine.urdf"
+    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text()
+    level = re.search(r'<joint name="lidar_mount".*?<origin xyz="[^"]*"()', text, re.DOTALL)
+    assert level and 'rpy="' not in text[level.end() : level.end() + 5], "the mount in zebrat.urdf"
+    urdf.write_text(f'{text[: level.end()]} rpy="{rpy[0]} {rpy[1]} {rpy[2]}"{text[level.end() :]}')
+    rotation = rotation_from_rpy(*rpy)
+    turned = _exported(tmp_path / "policy", robot=str(urdf))
+    assert np.allclose(turned.car.lidar_rotation_base, rotation)
+    with pytest.raises(PolicyError, match="lidar_rotation_base"):
+        Driver.load(tmp_path / "policy", car=driver.car)
+    run.node._driver, run.node._rotation = turned, np.array(turned.car.lidar_rotation_base)
+
+    def seen(kind: str, message: Any) -> NDArray:
+        run.node._settings = replace(run.settings, input=kind)
+        assert not run.node._decide(message, 0.0, None).refusal
+        return turned.last_scan.ranges_m
+
+    message = cloud((points @ rotation).astype(np.float32), stamp_s=BEGIN_S)
+    assert np.abs(seen("cloud", message) - expected).max() < 0.05
+    scan = scan_message(FlatScan(expected, 6.0), rotation, time_of(BEGIN_S), "lidar", 0.2)
+    # Its first ray looks straight back: there the lidar's own frame has it at that bearing.
+    ahead = rotation.T @ np.array([-1.0, 0.0, 0.0])
+    assert math.cos(scan.angle_min - math.atan2(ahead[1], ahead[0])) == pytest.approx(1.0, abs=1e-6)
+    assert np.abs(seen("scan", scan) - expected).max() < 0.05

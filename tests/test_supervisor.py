@@ -89,6 +89,16 @@ def test_it_stops_where_a_control_step_and_braking_would_end_within_the_margin(
     assert decision.command == (Command(0.0, 0.0) if stops else command)
 
 
+def test_a_command_that_holds_longer_is_followed_for_so_long() -> None:
+    ahead_m = 0.36 + STOPPING_M - 0.12  # 0.6 s at 0.6 m/s, and braking
+    for spare_m, stops in ((0.004, False), (-0.004, True)):
+        supervisor = steady(AHEAD)
+        scan = walls(ahead=ahead_m + MARGIN_M + spare_m)
+        assert bool(supervisor.check(AHEAD, scan, 0.6, 0.0, 0.0, 0.6).refusal) is stops
+    supervisor = steady(AHEAD)
+    assert not supervisor.check(AHEAD, walls(ahead=ahead_m), 0.6, 0.0).refusal  # a control step, as ever
+
+
 def test_a_wall_behind_does_not_stop_a_car_that_drives_ahead() -> None:
     assert not steady(AHEAD).check(AHEAD, walls(behind=0.03), 0.6, 0.0).refusal
     assert steady(BACK).check(BACK, walls(behind=0.03), -0.6, 0.0).refusal

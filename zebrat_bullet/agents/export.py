@@ -14,11 +14,10 @@ from zebrat_bullet.agents.onnx_file import onnx_of
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.assets import asset_folder, list_assets
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.deploy.car import car_of
+from zebrat_bullet.deploy.car import Car, car_of, differences
 from zebrat_bullet.deploy.definition import DEFINITION_FILE, MODEL_FILE, Definition
-from zebrat_bullet.errors import PolicyError
+from zebrat_bullet.errors import PolicyError, ZebratError
 from zebrat_bullet.files import is_file, read_text, shown
-from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
@@ -58,8 +57,18 @@ def export_policy(name_or_path: str, folder: Path, robot: str | None = None) -> 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / MODEL_FILE).write_bytes(model)
     (folder / DEFINITION_FILE).write_text(_json(definition))
-    (folder / CARD_FILE).write_text(model_card(agent, definition, _own_card(name_or_path)))
+    others = not_as_trained(name_or_path, definition.car)
+    (folder / CARD_FILE).write_text(model_card(agent, definition, _own_card(name_or_path), others))
     return definition
+
+
+def not_as_trained(name_or_path: str, car: Car) -> list[str]:
+    """Return in what a car differs from that of a policy's training; nothing where that is not known."""
+    try:
+        task = trained_task(name_or_path)
+        return [] if task is None else differences(car, car_of(load_robot(task.robot), fitted(task).physics))
+    except ZebratError:  # the car's file is on another machine: it was named anew for that
+        return []
 
 
 def _json(definition: Definition) -> str:
@@ -79,7 +88,6 @@ def _definition(agent: PolicyAgent, task: TaskConfig, name: str, sha256: str) ->
     """Return all of a policy but its network, as the task says it."""
     robot, seen = load_robot(task.robot), agent.observation
     region = make_region(robot, task.region, task.lidar.n_bearings)
-    mount = rotation_from_rpy(*map(float, robot.lidar_rpy)) + 0.0  # no -0.0
     watched = region.range_m.tolist()
     limits = task.physics.max_speed_mps, task.physics.max_steering_rad, task.lidar.range_max_m
     gaps = seen.gap_ranges_m or watched
@@ -106,5 +114,4 @@ def _definition(agent: PolicyAgent, task: TaskConfig, name: str, sha256: str) ->
         range_m=tuple(gaps),
         observation=seen,
         flatten=task.flatten,
-        lidar_rotation_base=tuple(map(tuple, mount.tolist())),
     )

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from typing import Any
 
 from zebrat_bullet.agents.policy import PolicyAgent
@@ -30,14 +31,14 @@ and bearings to the left; bearing index 0 straight back). SHA-256 of the network
 from zebrat_bullet.deploy import Driver
 
 driver = Driver.load("this folder")
-decision = driver.drive_cloud(points_lidar, age_s=0.05)  # (N, 3) float32 in m; or drive_scan(ranges_m, angle_min_rad)
+decision = driver.drive_cloud(points_lidar, age_s)  # (N, 3) float32 in m, and now - its stamp; or drive_scan(...)
 send(decision.command.speed_mps, decision.command.steering_rad)  # 0 m/s and decision.refusal where it refuses to guess
 ```
 
 ## Limits
 
-- It knows the car that it was trained for, its lidar's mount and reach ({reach:g} m), the height band from {low:g} to \
-{high:g} m above the floor, and this rate.
+{another}- It knows the car that it was trained for, its lidar's mount and reach ({reach:g} m), the height band from \
+{low:g} to {high:g} m above the floor, and this rate.
 - It looks at {n} bearings of a scan of {n_bearings}; between two of them, below the lowest beam and outside of the \
 band it is blind. It is no safety device: drive with the supervisor, and with a person at the stop.
 - Points of the car's own body must not be in the cloud.
@@ -49,8 +50,14 @@ band it is blind. It is no safety device: drive with the supervisor, and with a 
 """
 
 
-def model_card(agent: PolicyAgent, definition: Definition, own_card: str) -> str:
-    """Return the card as Markdown; `own_card` is what was written of the policy before."""
+def model_card(agent: PolicyAgent, definition: Definition, own_card: str, others: Sequence[str] = ()) -> str:
+    """Return the card as Markdown.
+
+    Args:
+        agent, definition: the policy.
+        own_card: what was written of it before.
+        others: in what the car differs from that of its training.
+    """
     seen, car = agent.observation, definition.car
     named = [(part["n"], part["what"]) for part in definition.data()["observation"]["parts"]]
     parts = [f"{n} x {what}" for n, what in named if not what.startswith("trail")]
@@ -58,6 +65,7 @@ def model_card(agent: PolicyAgent, definition: Definition, own_card: str) -> str
         ago = ", ".join(map(str, seen.trail_steps))
         parts.append(f"{len(named) - len(parts)} x where it was {ago} steps ago by its own commands")
     sizes = " - ".join(str(n) for n in (seen.size, *(len(bias) for _, bias in agent.layers)))
+    differs = "; ".join(others)
     return _CARD.format(
         name=definition.name,
         sees=f"{', '.join(parts)}: {seen.size} numbers",
@@ -76,6 +84,7 @@ def model_card(agent: PolicyAgent, definition: Definition, own_card: str) -> str
         n=seen.n_rays,
         n_bearings=definition.n_bearings,
         training=_training(agent, own_card),
+        another=f"- **It was trained for another car**, not judged on this one: {differs}.\n" if differs else "",
     )
 
 

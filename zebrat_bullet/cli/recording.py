@@ -99,6 +99,7 @@ def replay_bag(arguments: argparse.Namespace) -> Result:
     """Run a policy on a bag's lidar and say where its commands differ from the bag's."""
     _check_packages()
     from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.deploy.driver import Limits
     from zebrat_bullet.evaluation.own_task import as_trained
     from zebrat_bullet.recording.bag import Bag
     from zebrat_bullet.recording.differences import check_tolerance, summary, write_differences
@@ -114,6 +115,7 @@ def replay_bag(arguments: argparse.Namespace) -> Result:
         mount=_mount(arguments, load_robot(fitted(task).robot)),
         delay_s=arguments.delay,
         twist_steers=arguments.angular == "steering",
+        limits=Limits(least_sector_points=arguments.least_sector_points),
     )
     agent = load_agent(arguments.agent, task)
     with Bag(arguments.bag) as bag:
@@ -159,6 +161,7 @@ def _told(result: dict[str, Any]) -> str:
         ("unanswered", "scans that no command answers"),
         ("refused", "scans that the policy would have refused, and stopped"),
         ("unusable", "commands and odometries that could not be read"),
+        ("early", "scans between two control steps, which a policy with a memory is not asked at"),
     ):
         if result[key]:
             lines.append(f"{result[key]} {what}")
@@ -202,6 +205,13 @@ def bag_options(made: argparse.ArgumentParser) -> None:
         choices=("yaw_rate", "steering"),
         default="yaw_rate",
         help="what a Twist's angular.z is (default yaw_rate, as ROS has it)",
+    )
+    bag.add_argument(
+        "--least-sector-points",
+        type=whole_number,
+        default=1,
+        metavar="N",
+        help="returns that each eighth of a cloud's turn must hold, as on the car (default 1); 0: none",
     )
     bag.add_argument(
         "--delay", type=float, default=0.0, metavar="S", help="a scan's command comes at least so long after it"

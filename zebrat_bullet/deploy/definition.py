@@ -21,7 +21,6 @@ _MB = 1_000_000
 _TRAIL: dict[str, Any] = {"trail_steps": [], "control_step_s": 0.0, "wheelbase_m": 0.0}
 """What the observation of a policy without a trail leaves out."""
 _KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
-_LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +38,6 @@ class Definition:
         range_m: (R,) V_range, where each of them leaves the car's outline.
         observation: how V_obs and the last command are encoded, and how actions are decoded.
         flatten: height band of the scan.
-        lidar_rotation_base: (3, 3) turns vectors of the lidar as it is mounted into the base frame.
 
     Raises:
         PolicyError: the numbers contradict each other.
@@ -55,10 +53,9 @@ class Definition:
     range_m: tuple[float, ...]
     observation: ObservationSpec
     flatten: FlattenConfig = field(default_factory=FlattenConfig)
-    lidar_rotation_base: tuple[tuple[float, ...], ...] = _LEVEL
 
     def __post_init__(self) -> None:
-        seen, car, rows = self.observation, self.car, self.lidar_rotation_base
+        seen, car = self.observation, self.car
         _require(bool(self.name.strip()), "a policy has a name")
         _require(not seen.waypoint, "it observes the next waypoint, which no car on the road is told")
         _require(0.001 <= self.control_step_s <= 10.0, f"control_step_s is 0.001 to 10, got {self.control_step_s}")
@@ -77,12 +74,6 @@ class Definition:
             and math.isclose(car.max_steering_rad, seen.max_steering_rad),
             "the car's limits are not those of the observation",
         )
-        orthonormal = len(rows) == 3 and all(
-            abs(sum(a * b for a, b in zip(rows[i], rows[j], strict=True)) - (i == j)) < 1e-6
-            for i in range(3)
-            for j in range(3)
-        )
-        _require(orthonormal, "lidar_rotation_base is no rotation")
 
     @property
     def actions(self) -> ObservationSpec:
@@ -98,6 +89,8 @@ class Definition:
     def _data(self) -> dict[str, Any]:
         bearings = beam_bearings(self.n_bearings)[list(self.indices)]
         limit_mps, limit_rad = self.observation.max_speed_mps, self.observation.max_steering_rad
+        car = asdict(self.car)
+        mount = car.pop("lidar_rotation_base")
         unit_mps, unit_rad = (1.0, 1.0) if self.actions.raw else (limit_mps, limit_rad)
         return {
             "format": FORMAT,
@@ -110,12 +103,12 @@ class Definition:
                 "head": self.head,
             },
             "control_step_s": self.control_step_s,
-            "car": asdict(self.car),
+            "car": car,
             "scan": {
                 "n_bearings": self.n_bearings,
                 "first_bearing_rad": -math.pi,
                 "bearing_step_rad": 2.0 * math.pi / self.n_bearings,
-                "lidar_rotation_base": self.lidar_rotation_base,
+                "lidar_rotation_base": mount,
                 **asdict(self.flatten),
             },
             "safety_region": {
@@ -172,10 +165,9 @@ def read_definition(folder: Path) -> Definition:
             "model_sha256": model["sha256"],
             "control_step_s": data["control_step_s"],
             "n_bearings": scan["n_bearings"],
-            "lidar_rotation_base": scan["lidar_rotation_base"],
             "indices": region["indices"],
             "range_m": region["range_m"],
-            "car": data["car"],
+            "car": _mapping(data, "car") | {"lidar_rotation_base": scan["lidar_rotation_base"]},
             "flatten": {f.name: scan[f.name] for f in fields(FlattenConfig)},
             "observation": {f.name: seen[f.name] for f in fields(ObservationSpec) if f.name not in _TRAIL}
             | {name: seen.get(name, none) for name, none in _TRAIL.items()},

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.deploy.car import Car
+from zebrat_bullet.deploy.car import Car, differences
 from zebrat_bullet.deploy.decision import Decision
 from zebrat_bullet.deploy.definition import MODEL_FILE, Definition, read_definition
 from zebrat_bullet.deploy.network import Network
@@ -17,9 +17,8 @@ from zebrat_bullet.files import shown
 from zebrat_bullet.sensing.flatten import flatten_cloud
 from zebrat_bullet.types import Command, FlatScan
 
-_CAR_TOLERANCE = 1e-3
-"""In m, rad and m/s: a millimetre."""
-_COMPARED = ("lidar_xyz_base", "wheelbase_m", "rear_axle_x_m", "max_speed_mps", "max_steering_rad")
+_AHEAD_S = 0.02
+"""A scan may be so far from the future: clocks joined by NTP differ by a few ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,22 +57,26 @@ class Driver:
         definition: what the policy observes and commands.
         network: the policy.
         limits: of what is refused.
+        car: the real one; None: that of the definition.
 
     Attributes:
         definition: as given.
+        car: the real one, or else that of the training.
         last_command: that the policy observes next; set it where another one was sent, as a supervisor does.
         last_scan: what the last call flattened, None where it was refused before that.
     """
 
-    def __init__(self, definition: Definition, network: Network, limits: Limits | None = None) -> None:
-        self.definition = definition
+    def __init__(
+        self, definition: Definition, network: Network, limits: Limits | None = None, car: Car | None = None
+    ) -> None:
+        self.definition, self.car = definition, car or definition.car
         self._limits = limits or Limits()
         self._stale_s = self._limits.stale_s or 1.5 * definition.control_step_s
         self._network = network
         self._actions = definition.actions
         self._trail = definition.observation.new_trail(np.zeros((1, 2), dtype=np.float32))
         self._indices = np.array(definition.indices)
-        self._rotation = np.array(definition.lidar_rotation_base)
+        self._rotation = np.array(definition.car.lidar_rotation_base)
         self._scans = ScanReader(definition.n_bearings, self._indices, self.range_max_m, self._limits.least_share)
         self.last_command: Command
         self.last_scan: FlatScan | None
@@ -85,7 +88,8 @@ class Driver:
 
         Args:
             folder: of `policy.json` and `policy.onnx`.
-            car: the real one, to be compared with the one that the policy was trained for.
+            car: the real one, to be compared with the one that the policy was trained for; how hard it brakes and how
+                fast its steering turns may differ.
             limits: of what is refused.
 
         Raises:
@@ -96,15 +100,13 @@ class Driver:
         if car is not None:
             if not isinstance(car, Car):
                 raise PolicyError(f"car must be a zebrat_bullet.deploy.Car, got {shown(repr(car))}")
-            _check_car(definition, car)
-        return cls(
-            definition, Network(folder / MODEL_FILE, definition.observation.size, definition.model_sha256), limits
-        )
-
-    @property
-    def car(self) -> Car:
-        """The car that the policy was trained for."""
-        return self.definition.car
+            if different := differences(car, definition.car):
+                raise PolicyError(
+                    f"policy {definition.name!r} was trained for another car: {'; '.join(different)}; train and export "
+                    "one for this car"
+                )
+        network = Network(folder / MODEL_FILE, definition.observation.size, definition.model_sha256)
+        return cls(definition, network, limits, car)
 
     @property
     def range_max_m(self) -> float:
@@ -122,6 +124,7 @@ class Driver:
         age_s: float = 0.0,
         rotation_level: NDArray[np.floating] | None = None,
         height_m: float | None = None,
+        since_s: float | None = None,
     ) -> Decision:
         """Decide by a revolution of a 3D lidar.
 
@@ -132,11 +135,12 @@ class Driver:
             rotation_level: (3, 3), turns lidar-frame vectors into the gravity-levelled frame at the lidar, x along the
                 car's heading; None: the car stands level, and the lidar on it as it is mounted.
             height_m: of the lidar above the floor; None: as it is mounted.
+            since_s: time since the last call, for a policy with a memory; None: a control step.
         """
         definition = self.definition
         rotation = self._rotation if rotation_level is None else rotation_level
         height = definition.car.lidar_xyz_base[2] if height_m is None else height_m
-        self._follow()
+        self.follow(since_s)
         try:
             self._check_age(age_s)
             limits = self._limits
@@ -153,6 +157,7 @@ class Driver:
         angle_min_rad: float = -math.pi,
         angle_increment_rad: float | None = None,
         age_s: float = 0.0,
+        since_s: float | None = None,
     ) -> Decision:
         """Decide by a scan of a 2D lidar, as ROS LaserScan, that stands level where the 3D one does.
 
@@ -162,20 +167,24 @@ class Driver:
             angle_min_rad: bearing of the first ray, counter-clockwise from straight ahead.
             angle_increment_rad: from ray to ray; None: n rays all around.
             age_s: time since the scan was taken.
+            since_s: time since the last call, for a policy with a memory; None: a control step.
         """
-        self._follow()
+        self.follow(since_s)
         try:
             self._check_age(age_s)
             return self._drive(self._scans.read(ranges_m, angle_min_rad, angle_increment_rad))
         except SensorError as error:
             return self._refuse(error)
 
-    def _follow(self) -> None:
-        """Begin a control step: the car has done what it was told, whatever becomes of this scan."""
+    def follow(self, since_s: float | None = None) -> None:
+        """Take it that the car has done for so long what it was told last; None: for a control step.
+
+        The `drive_` methods do so themselves: call it before `last_command` is set without one of them.
+        """
         self.last_scan = None
         last = _numbers(self.last_command)
         if np.isfinite(last).all():
-            self._trail.follow(last)
+            self._trail.follow(last, since_s)
 
     def _drive(self, scan: FlatScan) -> Decision:
         self.last_scan = scan
@@ -200,10 +209,16 @@ class Driver:
 
     def _check_age(self, age_s: float) -> None:
         """Refuse a scan that is old, and one from the future, where the clocks of sensor and driver disagree."""
-        if not (isinstance(age_s, int | float) and abs(age_s) <= self._stale_s):
-            shown_s = f"{age_s:.3f}" if isinstance(age_s, int | float) else shown(age_s)
+        if not isinstance(age_s, int | float | np.number):
+            raise SensorError(f"a scan's age is a number of seconds, got {shown(repr(age_s))}")
+        if age_s < -_AHEAD_S:
             raise SensorError(
-                f"the scan is {shown_s} s old, at most {self._stale_s:.3f} s are allowed; look whether the lidar is "
+                f"the scan is from {-age_s:.3f} s in the future: the lidar's clock is ahead of this computer's; "
+                "synchronise them"
+            )
+        if not age_s <= self._stale_s:
+            raise SensorError(
+                f"the scan is {age_s:.3f} s old, at most {self._stale_s:.3f} s are allowed; look whether the lidar is "
                 "alive and its clock is right"
             )
 
@@ -211,26 +226,3 @@ class Driver:
 def _numbers(command: Command) -> NDArray[np.float32]:
     """Return a command as (1, 2) numbers, m/s and rad."""
     return np.array([[command.speed_mps, command.steering_rad]], dtype=np.float32)
-
-
-def _check_car(definition: Definition, car: Car) -> None:
-    trained = definition.car
-    different = [
-        f"{name} {getattr(car, name)} instead of {getattr(trained, name)}"
-        for name in _COMPARED
-        if not np.allclose(getattr(car, name), getattr(trained, name), rtol=0.0, atol=_CAR_TOLERANCE)
-    ]
-    outlines = np.array(car.outline_base), np.array(trained.outline_base)
-    if outlines[0].shape != outlines[1].shape or not _same_outline(*outlines):
-        different.insert(0, f"outline_base {car.outline_base} instead of {trained.outline_base}")
-    if different:
-        raise PolicyError(
-            f"policy {definition.name!r} was trained for another car: {'; '.join(different)}; train and export one for "
-            "this car"
-        )
-
-
-def _same_outline(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Return whether two outlines of K corners are one, wherever each begins."""
-    turned = (np.roll(one, i, axis=0) for i in range(len(one)))
-    return any(np.allclose(corners, other, rtol=0.0, atol=_CAR_TOLERANCE) for corners in turned)

@@ -9,12 +9,17 @@ from zebrat_bullet.errors import SensorError
 from zebrat_bullet.files import shown
 from zebrat_bullet.types import FlatScan, PointCloud
 
+EARLY = 0.75
+"""A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
 _ORIGIN_M = 0.01
 """Nearer than this a point is none: many lidars report a lost ray as the origin."""
 _REACH = 1.0 - 1e-6
 """A point at the reach itself may stand a rounding error before it."""
 _SECTORS = 8
-_MOST_HEIGHT_M = 100.0
+MOST_HEIGHT_M = 10.0
+"""Of a lidar above the floor; higher is no number of m."""
+_SLACK = 0.01
+"""Of a bearing's step: 360 rays from -pi to pi, both named, stand 1.003 degrees apart."""
 _MOST_POINTS = 10_000_000
 _MOST_RAYS = 100_000
 
@@ -44,9 +49,9 @@ def cloud_of(
     if points.shape[1] != 3:
         raise SensorError(f"a cloud is an array of shape (N, 3), got {points.shape}; give x, y and z of each point")
     rotation = _rotation(rotation_level)
-    if not (isinstance(height_m, float | int | np.number) and 0.0 <= height_m <= _MOST_HEIGHT_M):
+    if not (isinstance(height_m, float | int | np.number) and 0.0 <= height_m <= MOST_HEIGHT_M):
         raise SensorError(
-            f"the lidar's height above the floor is 0 to {_MOST_HEIGHT_M:g} m, got {shown(repr(height_m))}"
+            f"the lidar's height above the floor is 0 to {MOST_HEIGHT_M:g} m, got {shown(repr(height_m))}"
         )
     with np.errstate(invalid="ignore", over="ignore"):
         squared = np.einsum("nd,nd->n", points, points)  # nan and inf stay what they are, and compare as False
@@ -66,6 +71,19 @@ def cloud_of(
             "it cannot see the floor, allow it (Limits.least_sector_points)"
         )
     return PointCloud(points, valid, rotation, float(height_m))
+
+
+def turned_rays(rotation: NDArray[np.floating], first_rad: float, step_rad: float) -> tuple[float, float]:
+    """Return at which bearing the rays of a level scan begin in another level frame, and their step there.
+
+    Args:
+        rotation: (3, 3) turns vectors of the scan's frame into the other one: about the vertical, or upside down too.
+        first_rad, step_rad: in the scan's own frame, counter-clockwise from its x axis.
+    """
+    yaw, sense = math.atan2(rotation[1, 0], rotation[0, 0]), 1.0 if rotation[2, 2] > 0.0 else -1.0
+    turned = yaw + sense * first_rad
+    # What is no bearing stays none, to be refused.
+    return math.remainder(turned, 2.0 * math.pi) if abs(first_rad) <= 2.0 * math.pi else first_rad, sense * step_rad
 
 
 class ScanReader:
@@ -126,20 +144,21 @@ class ScanReader:
         increment = 2.0 * math.pi / max(n_rays, 1) if angle_increment_rad is None else angle_increment_rad
         if self._laid == (n_rays, angle_min_rad, increment):
             return
-        if not (abs(angle_min_rad) <= 100.0 and 0.0 < abs(increment) <= 2.0 * math.pi):
+        numbers = all(isinstance(each, float | int | np.number) for each in (angle_min_rad, increment))
+        if not (numbers and abs(angle_min_rad) <= 2.0 * math.pi and 0.0 < abs(increment) <= 2.0 * math.pi):
             raise SensorError(
-                f"a scan begins at a finite bearing and goes on by steps above 0 rad, got angle_min {angle_min_rad} "
-                f"and angle_increment {increment}"
+                f"a scan begins at a bearing of -2 pi to 2 pi and goes on by steps other than 0, both in radians, got "
+                f"angle_min {shown(repr(angle_min_rad))} and angle_increment {shown(repr(increment))}"
             )
-        if abs(increment) > step * (1.0 + 1e-4):
+        if abs(increment) > step * (1.0 + _SLACK):
             raise SensorError(
-                f"the scan has a ray every {math.degrees(abs(increment)):.3g} degrees, the policy needs one every "
-                f"{math.degrees(step):.3g}: {self._n_bearings} all around; use a finer lidar"
+                f"the scan has a ray every {math.degrees(abs(increment)):.4g} degrees, the policy needs one every "
+                f"{math.degrees(step):.4g}: {self._n_bearings} all around; use a finer lidar"
             )
         position = (angle_min_rad + increment * np.arange(n_rays) + math.pi) / step
         below = np.floor(position)
         pairs = [
-            (ray, at) for at in (below, below + 1.0) if len(ray := np.flatnonzero(abs(position - at) <= 0.5 + 1e-3))
+            (ray, at) for at in (below, below + 1.0) if len(ray := np.flatnonzero(abs(position - at) <= 0.5 + _SLACK))
         ]
         rays = np.concatenate([ray for ray, _ in pairs]) if pairs else np.zeros(0, np.intp)
         bearings = np.concatenate([at[ray] for ray, at in pairs]).astype(np.intp) if pairs else rays
@@ -155,6 +174,8 @@ class ScanReader:
 
 
 def _floats(array: object, what: str, shape: str, n_dimensions: int, most: int) -> NDArray[np.floating]:
+    if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f":
+        array = array.filled(np.nan)
     if not isinstance(array, np.ndarray) or array.dtype not in (np.float32, np.float64):
         kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
         raise SensorError(f"{what} is a NumPy array of float32 or float64, got {shown(kind)}; convert it")

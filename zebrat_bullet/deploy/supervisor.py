@@ -101,7 +101,7 @@ class Supervisor:
 
     def reset(self) -> None:
         """Begin anew with a car at rest whose wheels are straight."""
-        self._last = Command(0.0, 0.0)
+        self._last, self._hold_s = Command(0.0, 0.0), self.control_step_s
         self._speeds_mps = [0.0]
         self._steerings_rad = (0.0,) * len(self._lags_s)
 
@@ -112,6 +112,7 @@ class Supervisor:
         speed_mps: float | None,
         steering_rad: float | None,
         age_s: float = 0.0,
+        hold_s: float | None = None,
     ) -> Decision:
         """Return the command, within the car's limits, or a stop and why.
 
@@ -121,7 +122,9 @@ class Supervisor:
             speed_mps: measured forward speed; None: as the commands so far should have brought it about.
             steering_rad: measured angle of the virtual centre wheel; None: likewise.
             age_s: how old the scan is.
+            hold_s: time until the next check; None: a control step.
         """
+        self._hold_s = self.control_step_s if hold_s is None else hold_s
         wrong = self._wrong(command, scan, age_s, speed_mps, steering_rad)
         if speed_mps is not None and abs(speed_mps) <= _FASTEST * self.car.max_speed_mps:
             reckoned = self._speeds_mps[0]
@@ -217,7 +220,7 @@ class Supervisor:
     def _paths(self, command: Command, age_s: float) -> list[NDArray[np.float64]]:
         """Return the (T, 4) poses of a command and of braking after it, for each way in which the steering may turn."""
         brake = (math.inf, Command(0.0, command.steering_rad))
-        phases = [(age_s + self.delay_s, self._last), (self.control_step_s, command), brake]
+        phases = [(age_s + self.delay_s, self._last), (self._hold_s, command), brake]
         if command.speed_mps == 0.0:
             del phases[1]
         return [
@@ -278,8 +281,8 @@ class Supervisor:
 
     def _advance(self, command: Command) -> None:
         """Note the command, and how the car will move at the next check."""
-        late = min(self.delay_s, self.control_step_s)
-        phases = [(late, self._last), (self.control_step_s - late, command)]
+        late = min(self.delay_s, self._hold_s)
+        phases = [(late, self._last), (self._hold_s - late, command)]
         ends = [
             motion(self.car, self._speeds_mps[0], steering, phases, lag)
             for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)

@@ -46,6 +46,7 @@ def summary(loop: OpenLoop, tolerance: Sequence[float] = TOLERANCE) -> dict[str,
         "unanswered": sum(answer.recorded is None for answer in loop.answers),
         "refused": len(refused),
         "unusable": loop.n_unusable,
+        "early": loop.n_early,
         "frame": loop.frame,
         "largest": {},
     }

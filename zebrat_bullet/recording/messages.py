@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from zebrat_bullet.deploy.senses import turned_rays
+from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.recording.stamps import header
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.ros.messages import POINT, POINT_FIELDS, native_big_endian, packed_cloud, yaw_rate
@@ -35,15 +37,18 @@ def cloud_message(cloud: PointCloud, n_channels: int, time_s: float) -> Message:
     }
 
 
-def scan_message(scan: FlatScan, period_s: float, time_s: float) -> Message:
-    """Return a whole scan as a `LaserScan`, bearings from -pi on; inf where nothing was seen (REP 117)."""
+def scan_message(scan: FlatScan, robot: RobotModel, period_s: float, time_s: float) -> Message:
+    """Return a whole scan as a `LaserScan` in the lidar's frame; inf where nothing was seen (REP 117).
+
+    Where the lidar looks ahead its bearings are those of the car, from -pi on.
+    """
     n = len(scan.ranges_m)
-    increment = 2.0 * math.pi / n
+    first, increment = turned_rays(rotation_from_rpy(*robot.lidar_rpy).T, -math.pi, 2.0 * math.pi / n)
     ranges = np.where(scan.ranges_m < scan.range_max_m, scan.ranges_m, np.float32(np.inf))
     return {
         "header": header(time_s, LIDAR),
-        "angle_min": -math.pi,
-        "angle_max": -math.pi + (n - 1) * increment,
+        "angle_min": first,
+        "angle_max": first + (n - 1) * increment,
         "angle_increment": increment,
         "scan_time": period_s,
         "range_max": float(scan.range_max_m),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby, islice
 from operator import itemgetter
 
@@ -11,6 +11,8 @@ import numpy as np
 from zebrat_bullet.agents import Agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig
+from zebrat_bullet.deploy.driver import Limits
+from zebrat_bullet.deploy.senses import EARLY
 from zebrat_bullet.errors import ConfigError, SensorError, ZebratError
 from zebrat_bullet.files import shown
 from zebrat_bullet.recording.bag import CLOUD, Bag, Topic
@@ -36,11 +38,13 @@ class Reader:
         mount: of the recorded lidar; None: as on the policy's car.
         delay_s: a scan is answered by the first command that comes at least so long after it.
         twist_steers: `angular.z` of a Twist is the steering angle, not the yaw rate.
+        limits: what of the lidar is refused.
     """
 
     mount: Mount | None = None
     delay_s: float = 0.0
     twist_steers: bool = False
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.delay_s <= _MOST_WAIT_S:
@@ -81,16 +85,18 @@ class OpenLoop:
     Attributes:
         answers: one for each scan, in the order of arrival.
         n_unusable: commands and odometries whose bytes are none or whose numbers are not finite; they were passed over.
+        n_early: scans sooner than a control step after the one before, passed over by a policy with a memory.
         frame: of the lidar's messages.
     """
 
     answers: list[Answer]
     n_unusable: int
+    n_early: int
     frame: str
 
 
 def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, reader: Reader | None = None) -> OpenLoop:
-    """Ask an agent at each scan of a bag, as if it were driving.
+    """Ask an agent at each scan of a bag, as if it were driving; one with a memory, as a car does, once a control step.
 
     It is told as its last command the last one that the bag's driver gave before that scan, and as its speed the last
     that was measured, or, without odometry, that command's.
@@ -117,14 +123,19 @@ def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, read
     needed = np.unique(region.indices) if isinstance(agent, PolicyAgent) else np.arange(task.lidar.n_bearings)
     roll, pitch, yaw = map(float, robot.lidar_rpy)
     mount = reader.mount or Mount(height_m=float(robot.lidar_xyz_base[2]), rpy_rad=(roll, pitch, yaw))
-    eyes = Eyes(task, mount, needed)
+    eyes = Eyes(task, mount, needed, reader.limits)
     agent.reset(0)
     heard = Heard(robot.wheelbase_m, reader.twist_steers)
     answers: list[Answer] = []
+    remembers = isinstance(agent, PolicyAgent) and agent.observation.trail_steps
+    step_ns, n_early = task.physics.control_step_s / _NS if remembers else 0.0, 0
     times_ns: list[int] = []
     for topic, time_ns, data in _in_order(bag, topics):
         if topic is not topics.lidar:
             heard.take(bag, topic, time_ns, data)
+            continue
+        if step_ns and times_ns and time_ns - times_ns[-1] < EARLY * step_ns:
+            n_early += 1
             continue
         times_ns.append(time_ns)
         if len(times_ns) > _MOST_SCANS:
@@ -143,7 +154,7 @@ def run_open_loop(bag: Bag, topics: Topics, agent: Agent, task: TaskConfig, read
             f"{answers[0].refusal}"
         )
     _pair(answers, times_ns, heard, reader.delay_s)
-    return OpenLoop(answers=answers, n_unusable=heard.n_unusable, frame=eyes.frame)
+    return OpenLoop(answers=answers, n_unusable=heard.n_unusable, n_early=n_early, frame=eyes.frame)
 
 
 def _in_order(bag: Bag, topics: Topics) -> Iterator[tuple[Topic, int, bytes]]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.deploy.driver import Limits
-from zebrat_bullet.deploy.senses import ScanReader, cloud_of
+from zebrat_bullet.deploy.senses import MOST_HEIGHT_M, ScanReader, cloud_of, turned_rays
 from zebrat_bullet.errors import ConfigError, SensorError
 from zebrat_bullet.files import shown
 from zebrat_bullet.geometry import rotation_from_rpy
@@ -35,9 +35,10 @@ class Mount:
     frame: str = ""
 
     def __post_init__(self) -> None:
-        if not (0.0 <= self.height_m <= 100.0 and np.isfinite(self.rpy_rad).all()):
+        if not (0.0 <= self.height_m <= MOST_HEIGHT_M and np.isfinite(self.rpy_rad).all()):
             raise ConfigError(
-                f"a lidar is mounted 0 to 100 m high, turned by finite angles, got {self.height_m} and {self.rpy_rad}"
+                f"a lidar is mounted 0 to {MOST_HEIGHT_M:g} m high, turned by finite angles, got {self.height_m} and "
+                f"{self.rpy_rad}"
             )
 
 
@@ -48,11 +49,13 @@ class Eyes:
         task: the lidar and the height band of the policy's training.
         mount: of the recorded lidar.
         needed: (R,) indices of the bearings that must be known.
+        limits: of what is refused; None: the driver's own.
     """
 
-    def __init__(self, task: TaskConfig, mount: Mount, needed: NDArray[np.intp]) -> None:
-        self._task, self._mount = task, mount
-        self._limits = Limits()
+    def __init__(
+        self, task: TaskConfig, mount: Mount, needed: NDArray[np.intp], limits: Limits | None = None
+    ) -> None:
+        self._task, self._mount, self._limits = task, mount, limits or Limits()
         self._rotation = rotation_from_rpy(*mount.rpy_rad)
         lidar = task.lidar
         self._scans = ScanReader(lidar.n_bearings, needed, lidar.range_max_m, self._limits.least_share)
@@ -67,18 +70,19 @@ class Eyes:
         self._check_frame(message)
         lidar = self._task.lidar
         points = cloud_points(message)
-        cloud = cloud_of(points, self._rotation, self._mount.height_m, lidar.range_max_m, self._limits.least_points)
+        fewest = self._limits.least_points, self._limits.least_sector_points
+        cloud = cloud_of(points, self._rotation, self._mount.height_m, lidar.range_max_m, *fewest)
         return flatten_cloud(cloud, self._task.flatten, lidar.n_bearings, lidar.range_max_m)
 
     def scan(self, message: Any) -> FlatScan:
-        """Return the flat scan of a `LaserScan`, whose lidar stands level.
+        """Return the flat scan of a `LaserScan`, whose lidar stands level, upright or upside down.
 
         Raises:
             SensorError: as `cloud`.
         """
         self._check_frame(message)
-        begin = float(message.angle_min) + self._mount.rpy_rad[2]
-        return self._scans.read(scan_ranges(message), begin, float(message.angle_increment))
+        rays = turned_rays(self._rotation, float(message.angle_min), float(message.angle_increment))
+        return self._scans.read(scan_ranges(message), *rays)
 
     def _check_frame(self, message: Any) -> None:
         frame = str(message.header.frame_id).lstrip("/")

@@ -108,7 +108,7 @@ def episode_messages(episode: WatchedEpisode, world: World) -> Iterator[tuple[st
         yield "/tf", time_s, messages.moving_frames(seen.state, time_s)
         yield "/odom", time_s, messages.odometry_message(seen.state, robot, time_s)
         yield "/points", time_s, messages.cloud_message(drive.lidar.cloud(seen.sweep), lidar.n_channels, time_s)
-        yield "/scan", time_s, messages.scan_message(scan, drive.config.physics.control_step_s, time_s)
+        yield "/scan", time_s, messages.scan_message(scan, drive.robot, drive.config.physics.control_step_s, time_s)
         region = markers.region_markers(drive.region, lidar.n_bearings, clearance, robot, time_s)
         yield "/safety_region", time_s, region
         if i < len(record.command):

@@ -17,6 +17,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.deploy.decision import Decision
 from zebrat_bullet.deploy.driver import Driver
+from zebrat_bullet.deploy.senses import EARLY, turned_rays
 from zebrat_bullet.deploy.supervisor import Supervisor
 from zebrat_bullet.errors import SensorError
 from zebrat_bullet.ros.latency import percentiles_ms
@@ -31,8 +32,10 @@ _FROZEN_CLOCK_S = 2.0
 """Simulated time may stand still for so long before it counts as dead."""
 _ROUNDING_S = 1e-3
 _NUMBER = re.compile(r"[0-9.]+")
-_EARLY = 0.75
-"""A scan that comes sooner than this share of a control step after the last is not driven by: a lidar at 10 Hz."""
+_AS_DUE = 0.05
+"""A scan that is off its time by less than this share of a control step is on it."""
+_GAPS = 5
+"""So many waits for a scan say how long the next may be."""
 _AHEAD_S = 0.02
 """A stamp may be so far ahead: two clocks joined by NTP on one network differ by a few ms, a lidar's PTP by less."""
 
@@ -52,12 +55,15 @@ class DriveNode:
         self._sim_time = bool(node.get_parameter("use_sim_time").value)
         cos, sin = math.cos(settings.lidar_yaw_rad), math.sin(settings.lidar_yaw_rad)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        self._rotation = turn @ np.array(driver.definition.lidar_rotation_base)
+        self._rotation = turn @ np.array(driver.definition.car.lidar_rotation_base)
         self._speed: tuple[float, float] | None = None  # m/s, and when it was heard
         # When the last scan driven by came: on the node's clock, and on the steady one.
         self._heard: tuple[float, float] | None = None
         self._own_s = self._stamp_s = -math.inf  # stamp of the last scan: the lidar's own, and what counts as it
         self._driven = -math.inf, -math.inf  # of the last scan driven by: stamp, arrival
+        self._gaps_s: deque[float] = deque(maxlen=_GAPS)  # from one such arrival to the next
+        self._followed_s = -math.inf  # until when the policy's memory knows what the car was told
+        self._slow_said_s = -math.inf
         self._repeats = False
         self._said, self._said_s = "", -math.inf
         self._stopped_s = -math.inf  # when the last command was sent, if it was a stop
@@ -92,14 +98,15 @@ class DriveNode:
             return  # the same scan again: a lidar that hangs is as good as none
         self._own_s = own_s
         stamp_s = own_s if self._settings.trust_stamps else now_s
-        back = stamp_s < self._stamp_s  # a clock that was set, a bag begun anew
-        self._stamp_s = stamp_s
         arrival_s, step_s = now_s if self._sim_time else begin_s, self._driver.definition.control_step_s
-        early = stamp_s - self._driven[0] < _EARLY * step_s
-        if early and not back and arrival_s - self._driven[1] < (2.0 - _EARLY) * step_s:  # jitter is no reason
+        back = stamp_s < self._stamp_s - 0.5 * step_s  # a clock that was set, a bag begun anew; less is jitter
+        self._stamp_s = stamp_s
+        early = stamp_s - self._driven[0] < EARLY * step_s
+        if early and not back and arrival_s - self._driven[1] < (2.0 - EARLY) * step_s:  # jitter is no reason
             return
+        self._gaps_s.append(arrival_s - self._driven[1])
         self._driven, age_s = (stamp_s, arrival_s), now_s - stamp_s
-        decision = self._decide(message, age_s)
+        decision = self._decide(message, age_s, self._since_s(arrival_s))
         # Stamps that creep tell nothing new: such a scan feeds the watchdog from when it was taken, not from now.
         late_s = max(0.0, age_s) if early and not decision.refusal else 0.0
         self._heard = now_s - late_s, begin_s - late_s
@@ -107,15 +114,40 @@ class DriveNode:
         self.work_s.append(time.monotonic() - begin_s)
         self.age_s.append(self._now_s() - stamp_s)
 
-    def _decide(self, message: Any, age_s: float) -> Decision:
+    def _decide(self, message: Any, age_s: float, since_s: float | None) -> Decision:
+        is_cloud = self._settings.input == "cloud"
         try:
             self._check_origin(message.header.frame_id, age_s)
-            if self._settings.input == "cloud":
-                return self._driver.drive_cloud(cloud_points(message), age_s, self._rotation)
-            first = float(message.angle_min) + self._settings.lidar_yaw_rad
-            return self._driver.drive_scan(scan_ranges(message), first, float(message.angle_increment), age_s)
+            seen = cloud_points(message) if is_cloud else scan_ranges(message)
         except SensorError as error:
+            self._driver.follow(since_s)
             return Decision(self._stop(), f"{self.listener.topic}: {error}")
+        age_s = max(0.0, age_s)  # how far from the future it may be was looked at
+        if is_cloud:
+            return self._driver.drive_cloud(seen, age_s, self._rotation, since_s=since_s)
+        rays = turned_rays(self._rotation, float(message.angle_min), float(message.angle_increment))
+        return self._driver.drive_scan(seen, *rays, age_s, since_s)
+
+    def _since_s(self, now_s: float) -> float | None:
+        """Return for how long the car has done what it was told last, None for a control step."""
+        since_s, step_s = now_s - self._followed_s, self._driver.definition.control_step_s
+        self._followed_s = now_s
+        due = abs(since_s - step_s) <= _AS_DUE * step_s or not 0.0 <= since_s < math.inf
+        return None if due else since_s
+
+    def _hold_s(self) -> float | None:
+        """Return how long a command may have to do until the next scan, None for a control step."""
+        step_s = self._driver.definition.control_step_s
+        longest_s = max((gap for gap in self._gaps_s if 0.0 < gap < math.inf), default=0.0)
+        if longest_s <= (2.0 - EARLY) * step_s:
+            return None
+        if (now_s := time.monotonic()) - self._slow_said_s >= _SAY_AGAIN_S:
+            self._slow_said_s = now_s
+            self._node.get_logger().warning(
+                f"scans came up to {longest_s:.2f} s apart, the policy has learned to decide every {step_s:g} s; the "
+                "supervisor looks so far ahead, up to watchdog_s"
+            )
+        return min(longest_s, self._settings.watchdog_s)
 
     def _check_origin(self, frame: str, age_s: float) -> None:
         """Refuse a scan from another frame, and one whose age cannot be told."""
@@ -151,7 +183,8 @@ class DriveNode:
         )
         if self._supervisor is not None:
             scan = None if decision.refusal else self._driver.last_scan
-            checked = self._supervisor.check(command, scan, self._measured_speed(), None, max(0.0, age_s))
+            speed_mps = self._measured_speed()
+            checked = self._supervisor.check(command, scan, speed_mps, None, max(0.0, age_s), self._hold_s())
             decision = replace(checked, refusal=decision.refusal or checked.refusal)
             command = decision.command
         self._driver.last_command = command
@@ -178,6 +211,7 @@ class DriveNode:
             refusal = f"no scan on {self.listener.topic} for {silent_s:.2f} s"
             if self._repeats:
                 refusal += ", but one stamp again and again; the lidar hangs, or does not stamp its scans"
+            self._driver.follow(self._since_s(self._now_s() if self._sim_time else time.monotonic()))
             self._send(self._checked(Decision(self._stop(), refusal), 0.0))
 
     def _send(self, decision: Decision) -> None:

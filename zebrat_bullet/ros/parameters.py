@@ -2,7 +2,11 @@
 
 import difflib
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -10,9 +14,10 @@ from rclpy.node import Node
 
 from zebrat_bullet.deploy.supervisor import MARGIN_M
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.files import shown
+from zebrat_bullet.files import is_file, read_text, shown
 
 ROS_S_OWN = ("use_sim_time", "start_type_description_service")
+_TOP_KEY = re.compile(r"""^["']?([^\s#"':{}\[\],-][^\s"':]*)["']?\s*:""", re.MULTILINE)
 RELIABILITIES = ("best_effort", "reliable")
 _Settings = TypeVar("_Settings")
 
@@ -46,6 +51,9 @@ class DriveSettings:
     watchdog_s: float = parameter(0.4, "no scan for so long, or one so old: stop")
     supervised: bool = parameter(True, "the supervisor stops commands that lead into what the lidar sees")
     margin_m: float = parameter(MARGIN_M, "the supervisor's distance around the car")
+    deceleration_mps2: float = parameter(0.0, "how hard the car brakes, for the supervisor; 0: as the policy's car")
+    delay_s: float = parameter(0.0, "time until a command reaches the motors, for the supervisor")
+    least_sector_points: int = parameter(1, "returns that each eighth of a cloud's turn must hold; 0: none")
     max_speed_mps: float = parameter(math.inf, "commands are cut off there; inf: the policy's own limit")
     max_steering_rad: float = parameter(math.inf, "the same for the steering")
 
@@ -65,6 +73,10 @@ class DriveSettings:
                 f"lidar_yaw_rad must be -2 pi to 2 pi (-6.283 to 6.283), got {self.lidar_yaw_rad}; it is in radians: "
                 "90 degrees are 1.5708"
             )
+        if not 0.0 <= self.deceleration_mps2 <= 100.0:
+            raise ConfigError(f"deceleration_mps2 must be 0 to 100, got {self.deceleration_mps2}")
+        if not 0.0 <= self.delay_s <= 10.0:
+            raise ConfigError(f"delay_s must be 0 to 10, got {self.delay_s}")
         for name in ("max_speed_mps", "max_steering_rad"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name} must be above 0, got {getattr(self, name)}")
@@ -98,9 +110,35 @@ class SimSettings:
             raise ConfigError(f"timeout_s must be 0.05 to 10, got {self.timeout_s}")
 
 
-def make_node(name: str) -> Node:
-    """Return a node that has been given whatever parameters the command line and params files name for it."""
-    return Node(name, automatically_declare_parameters_from_overrides=True)
+def make_node(name: str, arguments: Sequence[str] = ()) -> Node:
+    """Return a node that has been given whatever parameters the command line and params files name for it.
+
+    Args:
+        name: of the node, unless the arguments say otherwise.
+        arguments: what stands behind --ros-args.
+
+    Raises:
+        ConfigError: parameters are given, in a file or by -p, for other nodes alone; ROS passes over them in silence.
+    """
+    node = Node(name, automatically_declare_parameters_from_overrides=True)
+    names = {node.get_name(), node.get_fully_qualified_name().lstrip("/")}
+
+    def is_meant(key: str) -> bool:
+        return "*" in key or key.strip("/") in {*names, node.get_namespace().strip("/")}
+
+    for option, value in pairwise(arguments):
+        if option in ("-p", "--param") and ":" in (key := value.partition(":=")[0]) and not is_meant(key.split(":")[0]):
+            raise ConfigError(
+                f"-p {shown(value)} is for another node, this one is {node.get_name()}; leave its name out"
+            )
+        if option == "--params-file" and is_file(value):
+            keys = _TOP_KEY.findall(read_text(Path(value), ConfigError))
+            if keys and not any(map(is_meant, keys)):
+                raise ConfigError(
+                    f"{value} holds parameters of {', '.join(map(shown, keys))} and none of {node.get_name()}, so none "
+                    f"would count; begin it with {node.get_name()}:"
+                )
+    return node
 
 
 def read_parameters(node: Node, kind: type[_Settings]) -> _Settings:

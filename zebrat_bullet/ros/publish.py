@@ -14,6 +14,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from zebrat_bullet.deploy.car import Car
+from zebrat_bullet.deploy.senses import turned_rays
 from zebrat_bullet.ros.messages import POINT, POINT_FIELDS, native_big_endian, packed_cloud, yaw_rate
 from zebrat_bullet.types import Command, FlatScan, PointCloud, RobotState
 
@@ -43,12 +44,14 @@ def cloud_message(cloud: PointCloud, n_channels: int, stamp: Time, frame: str) -
     return message
 
 
-def scan_message(scan: FlatScan, stamp: Time, frame: str, period_s: float) -> LaserScan:
-    """Return a whole scan as a LaserScan: bearings from -pi on; inf where nothing was seen."""
+def scan_message(
+    scan: FlatScan, rotation_base: NDArray[np.floating], stamp: Time, frame: str, period_s: float
+) -> LaserScan:
+    """Return a whole scan as a LaserScan in the frame of a lidar so mounted; inf where nothing was seen."""
     n = len(scan.ranges_m)
-    increment = 2.0 * math.pi / n
-    message = LaserScan(header=header(stamp, frame), angle_min=-math.pi, angle_increment=increment)
-    message.angle_max, message.scan_time = -math.pi + (n - 1) * increment, period_s
+    first, increment = turned_rays(rotation_base.T, -math.pi, 2.0 * math.pi / n)
+    message = LaserScan(header=header(stamp, frame), angle_min=first, angle_increment=increment)
+    message.angle_max, message.scan_time = first + (n - 1) * increment, period_s
     message.range_min, message.range_max = 0.0, float(scan.range_max_m)
     message.ranges = _array("f", np.where(scan.ranges_m < scan.range_max_m, scan.ranges_m, np.float32(np.inf)))
     return message

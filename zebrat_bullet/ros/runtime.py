@@ -24,8 +24,8 @@ def check_ros() -> None:
         import rclpy.node  # noqa: F401
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"ROS 2 is not installed here (no module {error.name}): pip install 'zebrat-bullet[ros]'; it needs "
-            "Python 3.11 on Linux"
+            f"ROS 2 is not installed here (no module {error.name}): pip install 'zebrat-bullet[ros]', or on a robot "
+            "the short list of docs/ros.md; it needs Python 3.11 on Linux"
         ) from error
     except ImportError as error:
         raise ConfigError(
@@ -58,7 +58,7 @@ def _from_wheels() -> bool:
 def ros(arguments: Sequence[str]) -> Iterator[None]:
     """Start rclpy with what stands behind --ros-args, and shut it down again.
 
-    SIGTERM ends a node as Ctrl-C does: its last word is a stop.
+    SIGTERM, and SIGHUP of a terminal that is closed, end a node as Ctrl-C does: its last word is a stop.
 
     Raises:
         ConfigError: rclpy cannot start, or does not take the arguments.
@@ -76,9 +76,13 @@ def ros(arguments: Sequence[str]) -> Iterator[None]:
     except Exception as error:
         said = " ".join(str(error).split())[:400]
         raise ConfigError(f"ROS does not take --ros-args {' '.join(arguments)}: {said}") from error
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ends = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup lets it drive on
+        ends.append(signal.SIGHUP)
+    before = {each: signal.signal(each, signal.default_int_handler) for each in ends}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
         rclpy.try_shutdown()

@@ -50,7 +50,7 @@ def simulate(
         from zebrat_bullet.ros.parameters import SimSettings, make_node, read_parameters
         from zebrat_bullet.ros.sim_node import SimNode
 
-        node = make_node("zebrat_sim")
+        node = make_node("zebrat_sim", ros_arguments)
         settings = read_parameters(node, SimSettings)
         if rate != 1.0 or lockstep_s is not None:
             option = "--lockstep" if lockstep_s is not None else f"--rate {rate:g}"

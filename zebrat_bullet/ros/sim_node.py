@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.geometry import rotation_from_rpy
 from zebrat_bullet.ros.latency import percentiles_ms
 from zebrat_bullet.ros.listen import create_publisher, create_subscription
 from zebrat_bullet.ros.messages import seconds, steering_of
@@ -45,6 +46,7 @@ class SimNode:
         self._node, self._settings, self._drive = node, settings, drive
         self._rate, self._lockstep_s = rate, lockstep_s
         self._period_s = drive.config.physics.control_step_s
+        self._mount = rotation_from_rpy(*drive.robot.lidar_rpy)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._clocks = create_publisher(node, Clock, "/clock", "reliable")
@@ -121,7 +123,7 @@ class SimNode:
         cloud = cloud_message(
             drive.lidar.cloud(drive.sweep), drive.config.lidar.n_channels, stamp, settings.lidar_frame
         )
-        scan = scan_message(reading.scan, stamp, settings.lidar_frame, self._period_s)
+        scan = scan_message(reading.scan, self._mount, stamp, settings.lidar_frame, self._period_s)
         odometry = odometry_message(drive.state, stamp, settings.odometry_frame, settings.base_frame)
         self._answered, self._published_s = False, time.monotonic()
         self._clocks.publish(Clock(clock=stamp))

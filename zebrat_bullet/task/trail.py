@@ -33,12 +33,12 @@ class Trail:
         """Let some cars have stood since ever where they are."""
         self._poses[:, cars] = 0.0
 
-    def follow(self, command: Array) -> None:
-        """Go on by one control step in which the cars were told (N, 2) commands, in m/s and rad."""
+    def follow(self, command: Array, step_s: float | None = None) -> None:
+        """Go on by one step, None: a control step, in which the cars were told (N, 2) commands, in m/s and rad."""
         if not self._steps:
             return
         xp, (x, y, yaw) = namespace(command), self._poses[0].T
-        run = command[:, 0] * self._step_s
+        run = command[:, 0] * (self._step_s if step_s is None else step_s)
         turn = run * xp.tan(command[:, 1]) / self._wheelbase_m
         middle = yaw + turn / 2.0
         now = xp.stack([x + run * xp.cos(middle), y + run * xp.sin(middle), yaw + turn], axis=-1)
