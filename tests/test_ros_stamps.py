@@ -209,9 +209,12 @@ def test_the_memory_of_a_policy_goes_by_time_at_any_rate_of_the_lidar(tmp_path, 
         run = Run(_exported(tmp_path, "allround"), monkeypatch)
         monkeypatch.setattr(run.node, "_checked", lambda decision, age_s: _straight(run, decision))
         run.until(BEGIN_S + 3.0, lambda now_s: now_s, period_s)
-        for _ in range(3):  # a scan that is refused, and none for some time, in which the watchdog stops the car
-            run.node._on_scan(cloud(CORRIDOR, frame="another", stamp_s=run.now_s))
-            run.until(run.now_s + 0.8, lambda _: BEGIN_S, 0.2)
+        for refused in (True, False, True, False):  # none for some time, in which the watchdog stops the car
+            if refused:
+                run.node._on_scan(cloud(CORRIDOR, frame="another", stamp_s=run.now_s))
+            for _ in range(20):
+                run.now_s += TICK_S
+                run.node._watch()
             run.until(run.now_s + 1.0, lambda now_s: now_s, period_s)
         poses = run.node._driver._trail.state()["trail"]
         assert poses[0, 0, 0] == pytest.approx(_driven_m(run), abs=0.02)

@@ -97,6 +97,12 @@ def test_a_command_that_holds_longer_is_followed_for_so_long() -> None:
         assert bool(supervisor.check(AHEAD, scan, 0.6, 0.0, 0.0, 0.6).refusal) is stops
     supervisor = steady(AHEAD)
     assert not supervisor.check(AHEAD, walls(ahead=ahead_m), 0.6, 0.0).refusal  # a control step, as ever
+    # And the car is reckoned to have gone on for so long: its wheels have turned farther.
+    for hold_s in (0.2, 0.6):
+        supervisor = steady(AHEAD)
+        supervisor.check(Command(0.6, 0.6), scan_of((-5.0, 0.0)), 0.6, None, 0.0, hold_s)
+        expected = 0.6 if hold_s == 0.6 else 0.5
+        assert supervisor._steerings_rad[1] == pytest.approx(expected, abs=0.05)
 
 
 def test_a_wall_behind_does_not_stop_a_car_that_drives_ahead() -> None:
