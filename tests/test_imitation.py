@@ -10,6 +10,7 @@ from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.human import HumanLikeAgent, HumanNoise
+from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
 from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.records import load_record, save_record
@@ -255,3 +256,9 @@ def test_settings_that_cannot_work_are_refused_before_anything_is_driven(demonst
     assert not (tmp_path / "run").exists()
     with pytest.raises(ConfigError, match="holds no run"):
         resume_imitation(tmp_path)
+
+
+def test_settings_beside_resume_are_refused(tmp_path, capfd):
+    for more in (["--dagger", "3"], ["--expert", "oracle"], ["--set", "clone.epochs=1"]):
+        assert main(["imitate", "--resume", "--out", str(tmp_path), *more]) == 2
+        assert "--set, --dagger and --expert cannot change them" in capfd.readouterr().err

@@ -24,7 +24,7 @@ from zebrat_bullet.report.learning_runs import read_groups, reward_name
 from zebrat_bullet.report.learning_stats import estimates, iqm, reward_trap, summarise_group, summarise_run
 from zebrat_bullet.training.learner_settings import DDPGConfig
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
-from zebrat_bullet.training.presets import paper_config
+from zebrat_bullet.training.presets import TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import train
 from zebrat_bullet.training.run_folder import summarise
 from zebrat_bullet.training.settings import TrainConfig
@@ -51,10 +51,10 @@ def trained(tmp_path_factory):
     return folder
 
 
-def write_run(folder, episodes, evaluations=(), **changes):
+def write_run(folder, episodes, evaluations=(), base=None, **changes):
     """Leave the folder of a run with (outcome, return) episodes of 10 steps and 1 s, and (episode, success, best)."""
     folder.mkdir(parents=True)
-    (folder / "config.json").write_text(to_json(replace(paper_config("ddpg", "fomt"), **changes)))
+    (folder / "config.json").write_text(to_json(replace(base or paper_config("ddpg", "fomt"), **changes)))
     log, judged = (
         CsvLog(folder / "episodes.csv", EPISODE_COLUMNS),
         CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS),
@@ -255,8 +255,24 @@ def test_a_run_without_success_an_evaluation_or_even_an_episode_is_shown_without
     (summary,), text = write_report([tmp_path / "runs"], tmp_path / "out")
     json.dumps(summary, allow_nan=False)
     assert "nan" not in text.lower() and "0 / no success of 25" in text
-    assert "- seed1: unfinished, 0 of 1000 episodes" in text and "0 of 2" in text
+    assert "- seed1: unfinished, 0 of 1,000 episodes" in text and "0 of 2" in text
     assert not any("nan" in (tmp_path / "out" / f"{name}.csv").read_text() for name in ("per_step", "reached"))
+
+
+def test_a_run_on_planar_cars_is_finished_by_its_summary_alone_and_its_length_is_in_steps(tmp_path):
+    """Its log holds the episodes of four cars: more than `episodes` of them say nothing."""
+    general = TRAIN_PRESETS["general"]
+    for seed, done in ((0, False), (1, True)):
+        run = tmp_path / "runs" / f"seed{seed}"
+        judged = [(1100 + seed, 0.5, 1)]
+        write_run(run, [("success", 50.0)] * 1100, judged, base=replace(general, steps=20_000), seed=seed)
+        if done:
+            (run / "summary.json").write_text("{}")
+    (summary,), text = write_report([tmp_path / "runs"], tmp_path / "out")
+    assert "- seed0: unfinished, 11,000 of 20,000 steps" in text and "seed1: unfinished" not in text
+    assert summary["unfinished"] == 1
+    # The last evaluation may lie behind the last episode of those four.
+    assert [run["steps"] for run in summary["runs"]] == [11_000, 11_010]
 
 
 def test_a_run_under_way_is_read_up_to_its_last_whole_row(trained, tmp_path):

@@ -15,13 +15,16 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import to_json, with_overrides
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.endings import planar_endings
 from zebrat_bullet.evaluation.generated import judge_generated
+from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
+from zebrat_bullet.training.run_folder import evaluations
 from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, TrainConfig
-from zebrat_bullet.world import HELD_OUT_SEED, World
+from zebrat_bullet.world import HELD_OUT_SEED, World, generate_tracks
 
 STEPS = 16 * 16
 
@@ -209,3 +212,42 @@ def test_the_preset_is_unguided_and_knows_no_shipped_world():
     general = TRAIN_PRESETS["general"]
     assert general.worlds == () and not general.task.guided
     assert "big_track" not in to_json(general)
+
+
+def test_what_a_fine_tuning_begins_with_is_judged_first_and_stays_the_best_unless_one_is_no_worse(
+    finished: Path, tmp_path: Path
+):
+    begun = tiny(init=str(finished / "best.zip"))
+    hasty = replace(begun, learner=replace(begun.learner, lr=0.5))
+    train(hasty, tmp_path / "spoilt")
+    rows = evaluations(tmp_path / "spoilt")
+    at_best = json.loads((finished / "summary.json").read_text())["best"]
+    first = {name: float(rows[0][name]) for name in ("success", "collision")}
+    assert rows[0]["total_steps"] == "0" and first == {name: at_best[name] for name in first}
+    kept = [row for row in rows if row["best"] == "1"][-1]
+    ranks = [(float(row["success"]), -float(row["collision"])) for row in rows]
+    assert max(ranks) == (float(kept["success"]), -float(kept["collision"]))
+    train(replace(begun, stop_at=0.0), tmp_path / "enough")  # good enough as it is: nothing is learned
+    (row,) = evaluations(tmp_path / "enough")
+    assert row["total_steps"] == "0" and row["best"] == "1"
+    # One that is killed goes on, and is not judged from its beginning again.
+    with pytest.raises(KeyboardInterrupt):
+        train(begun, tmp_path / "killed", dying(after=5))
+    resume(tmp_path / "killed")
+    assert [row["total_steps"] for row in evaluations(tmp_path / "killed")].count("0") == 1
+
+
+def test_another_seed_draws_other_noise_and_other_cars_the_same_one_the_same():
+    worlds = list(generate_tracks(range(HELD_OUT_SEED, HELD_OUT_SEED + 4), family="corners"))
+    policy = load_policy("shipped")
+    its, _ = as_trained(TaskConfig(), "shipped", own_robot=True)
+
+    def times(seed: int) -> list[float]:
+        found: list[float] = planar_endings(policy, its, worlds, 4, seed=seed, action_noise=0.6).time_s.ravel().tolist()
+        return found
+
+    assert times(0) == times(0) and times(0) != times(7)
+    how = {"sim": "planar", "action_noise": 0.6}
+    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + 4)
+    a, b = (judge_generated("shipped", seeds, 4, its, seed=seed, **how) for seed in (0, 7))
+    assert a != b and a == judge_generated("shipped", seeds, 4, its, seed=0, **how)

@@ -4,6 +4,7 @@ import base64
 import contextlib
 import io
 import json
+import os
 import pickle
 import shutil
 import signal
@@ -20,6 +21,7 @@ import torch
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
+from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
 from zebrat_bullet.config_text import from_json, overrides_of, to_json, with_overrides
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
@@ -250,10 +252,15 @@ def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
     assert config.episodes == 7 and config.learner == replace(TINY.learner, hidden=(8, 8), sigma=0.2)
     assert config.task.reward.weights == {"F": 1.0, "O": 1.0, "M": 0.0, "T": 1.0}
     path.write_text("planar: {margin_m: {corners: 0.01, other: [0.0, 0.02]}}\n")
-    planar = with_overrides(replace(TINY, planar=PlanarConfig()), overrides_of(path)).planar
+    on_planar_cars = replace(TINY, episodes=1000, steps=100, planar=PlanarConfig())
+    planar = with_overrides(on_planar_cars, overrides_of(path)).planar
     assert planar is not None and planar.margin_m == {"corners": 0.01, "other": (0.0, 0.02)}
     with pytest.raises(ConfigError, match="no family of tracks 'corner'"):
-        with_overrides(replace(TINY, planar=PlanarConfig()), ["planar.margin_m={corner: 0.01, other: 0.0}"])
+        with_overrides(on_planar_cars, ["planar.margin_m={corner: 0.01, other: 0.0}"])
+    for never in (["steps=null"], ["episodes=3"]):
+        with pytest.raises(ConfigError, match="set steps or max_minutes"):
+            with_overrides(on_planar_cars, never)
+    assert with_overrides(on_planar_cars, ["max_minutes=1", "steps=null"]).steps is None
     path.write_text("- episodes")
     with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
         overrides_of(path)
@@ -455,10 +462,47 @@ def test_a_model_to_begin_with_gives_its_tensors_and_its_pickles_stay_shut(tmp_p
 def test_a_device_that_is_not_there_is_refused_before_tracks_are_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr("zebrat_bullet.training.run.generate_tracks", lambda *_, **__: pytest.fail("drew tracks"))
     with pytest.raises(ConfigError, match="device must be one of cpu"):
-        train(TrainConfig(worlds=(), planar=PlanarConfig(device="gpu")), tmp_path / "run")
+        train(TrainConfig(worlds=(), steps=1, planar=PlanarConfig(device="gpu")), tmp_path / "run")
 
 
 def test_a_summary_counts_the_steps_after_the_last_episode_that_was_logged(tmp_path):
     (tmp_path / "episodes.csv").write_text("episode,total_steps\n1,300\n")
     (tmp_path / "evaluations.csv").write_text(",".join(EVALUATION_COLUMNS) + "\n1,512,2.0,0.5,0.5,0,9.0,1\n")
     assert summarise(tmp_path)["total_steps"] == 512
+
+
+def test_settings_given_twice_all_count(tmp_path, capfd):
+    runs = tmp_path / "runs"
+    tiny = [
+        "--set",
+        "episodes=1",
+        "task.episode.max_steps=5",
+        "learner.hidden=[8]",
+        "--set",
+        "task.reward.collision=-77",
+    ]
+    assert main(["train", "--worlds", "track_2", *tiny, "--out", str(runs / "one")]) == 0
+    made = json.loads((runs / "one" / "config.json").read_text())
+    assert (made["episodes"], made["task"]["reward"]["collision"], made["learner"]["hidden"]) == (1, -77.0, [8])
+    made_by_sweep = ["sweep", "--worlds", "track_2", *tiny, "--seeds", "0", "--out", str(runs / "sweep"), "--quiet"]
+    assert main(made_by_sweep) == 0
+    told = json.loads((runs / "sweep" / "manifest.json").read_text())["set"]
+    assert {"episodes=1", "task.reward.collision=-77"} <= set(told)
+
+
+def test_what_a_run_leaves_may_be_read_by_others(tmp_path):
+    before = os.umask(0o022)
+    try:
+        train(replace(TINY, episodes=1), tmp_path / "run")
+    finally:
+        os.umask(before)
+    files = [path for path in (tmp_path / "run").rglob("*") if path.is_file()]
+    assert len(files) > 8 and {path.name: oct(path.stat().st_mode & 0o777) for path in files} == {
+        path.name: "0o644" for path in files
+    }
+
+
+def test_a_run_that_ended_before_its_first_checkpoint_is_told_as_what_it_is(tmp_path):
+    (tmp_path / "best.safetensors").write_bytes(b"half")
+    with pytest.raises(ConfigError, match="ended before its first checkpoint, so it cannot be resumed"):
+        train(TINY, tmp_path)

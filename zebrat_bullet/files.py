@@ -9,7 +9,7 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -243,6 +243,18 @@ def read_safetensors(
     with refuses, safe_open(path, framework="numpy") as file:
         header = file.metadata() or {}
         return header, {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a mapping)
+
+
+def write_safetensors(path: Path, tensors: Mapping[str, NDArray], texts: Mapping[str, str] | None = None) -> None:
+    """Write arrays, and texts in the header, beside the file of that name and put it there when it is whole.
+
+    Not by safetensors' own `save_file`, whose files others may not read, and whose error does not say a disk is full.
+    """
+    from safetensors.numpy import save
+
+    part = path.with_suffix(".part")
+    part.write_bytes(save(dict(tensors), dict(texts) if texts else None))
+    part.replace(path)
 
 
 def read_image(path: Path, error: type[ZebratError], most_pixels: int = MOST_PIXELS) -> "Image":

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
-from safetensors.numpy import save_file
 
 from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import PolicyError
-from zebrat_bullet.files import parse_json, read_safetensors, refusing, shown
+from zebrat_bullet.files import parse_json, read_safetensors, refusing, shown, write_safetensors
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, Observer
 from zebrat_bullet.types import Command, Reading
 
@@ -136,9 +135,7 @@ def save_policy(agent: PolicyAgent, path: Path) -> None:
         "activation": agent.activation,
         "grid": json.dumps(agent.grid),
     }
-    part = path.with_suffix(".part")
-    save_file(tensors, part, metadata=header)
-    part.replace(path)
+    write_safetensors(path, tensors, header)
 
 
 def load_policy(name_or_path: str) -> PolicyAgent:

@@ -24,6 +24,7 @@ def families(arguments: argparse.Namespace) -> Result:
             families=arguments.families or FAMILIES,
             tracks=arguments.tracks,
             starts=arguments.episodes,
+            seed=arguments.seed,
             workers=arguments.workers or len(os.sched_getaffinity(0)),
             on_family=lambda family, done: bar.update(shown, description=family, completed=done),
         )

@@ -150,11 +150,16 @@ def imitate(arguments: argparse.Namespace) -> Result:
 
     folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
     if arguments.resume:
+        if arguments.set or arguments.dagger is not None or arguments.expert:
+            raise ConfigError(
+                f"--resume goes on with the settings in {folder}, so --set, --dagger and --expert cannot change them; "
+                "leave them out, or begin anew in another folder"
+            )
         run.resume_imitation(folder, lambda said: note(arguments, said))
     else:
         config = ImitationConfig(
             demonstrations=arguments.demonstrations,
-            iterations=arguments.dagger,
+            iterations=arguments.dagger or 0,
             expert=arguments.expert,
             seed=arguments.seed,
         )
@@ -209,7 +214,12 @@ def add(command: AddCommand) -> None:
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="training worlds instead of the preset's")
     made.add_argument("--config", type=Path, metavar="YAML", help="a file of settings that override the preset's")
     made.add_argument(
-        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. learner.batch_size=128"
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override settings, e.g. learner.batch_size=128",
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out from its last checkpoint")
 
@@ -242,10 +252,15 @@ def add(command: AddCommand) -> None:
         metavar="FOLDER",
         help="episode records, or a zip archive of them (default: those of this checkout)",
     )
-    made.add_argument("--dagger", type=int, default=0, metavar="N", help="DAgger iterations after behaviour cloning")
+    made.add_argument("--dagger", type=int, metavar="N", help="DAgger iterations after behaviour cloning")
     made.add_argument("--expert", default="", metavar="AGENT", help="who labels in DAgger; as in `zebrat evaluate`")
     made.add_argument(
-        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="override settings, e.g. clone.epochs=40"
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override settings, e.g. clone.epochs=40",
     )
     made.add_argument("--resume", action="store_true", help="continue the run in --out")
 

@@ -121,7 +121,13 @@ def add(command: AddCommand) -> None:
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="one training world a run (default: the preset's)")
     made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default 0)")
     made.add_argument("--preset", help="settings to begin with (default: the paper's)")
-    made.add_argument("--set", nargs="+", metavar="KEY=VALUE", help="override settings of all runs, e.g. episodes=500")
+    made.add_argument(
+        "--set",
+        nargs="+",
+        action="extend",
+        metavar="KEY=VALUE",
+        help="override settings of all runs, e.g. episodes=500",
+    )
     made.add_argument("--workers", type=int, help="runs at a time here (default: as many as there are cores for)")
     made.add_argument("--retries", type=int, default=2, help="how often to resume a run whose process dies (default 2)")
     made.add_argument(

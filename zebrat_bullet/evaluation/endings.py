@@ -66,6 +66,7 @@ def planar_endings(
     worlds: Sequence[World],
     episodes: int,
     *,
+    seed: int = 0,
     action_noise: float = 0.0,
     on_end: Callable[[int], None] = lambda n: None,
 ) -> Endings:
@@ -78,6 +79,7 @@ def planar_endings(
         task: the task, which says where they begin; it shows what the policy observes.
         worlds: W worlds.
         episodes: E in each, at most `N_STARTS`.
+        seed: of noise and dynamics, where they are drawn.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         on_end: called with the number of episodes that have just ended.
 
@@ -86,10 +88,10 @@ def planar_endings(
     """
     if not worlds or not 1 <= episodes <= N_STARTS:
         raise ConfigError(f"name at least 1 world and 1 to {N_STARTS} episodes in each, got {len(worlds)}, {episodes}")
-    drive = cars_for(policy, task, worlds, len(worlds) * episodes)
+    drive = cars_for(policy, task, worlds, len(worlds) * episodes, seed)
     where = np.repeat(np.arange(len(worlds), dtype=np.int32), episodes)
     poses = drive.starts[where, np.tile(np.arange(episodes), len(worlds))]
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         actions = policy.action(observations)

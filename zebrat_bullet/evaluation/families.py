@@ -39,6 +39,7 @@ def judge_families(
     families: Sequence[str] = FAMILIES,
     tracks: int = 100,
     starts: int = 4,
+    seed: int = 0,
     workers: int = 1,
     on_family: Callable[[str, int], None] = lambda family, done: None,
 ) -> dict[str, dict[str, FamilyScore]]:
@@ -49,6 +50,7 @@ def judge_families(
         task: what is judged; limits, lidar and safety region are those that each policy was trained with.
         families: whose tracks, of the seeds from `HELD_OUT_SEED` on.
         tracks, starts: of each family, and episodes in each.
+        seed: of noise and dynamics, where they are drawn.
         workers: processes that draw the tracks.
         on_family: called with a family and how many were done before it.
 
@@ -71,7 +73,7 @@ def judge_families(
         on_family(family, done)
         worlds = list(generate_tracks(seeds, family=family, robot=robot, workers=workers))
         for agent, policy in policies.items():
-            endings = planar_endings(policy, own[agent], worlds, starts)
+            endings = planar_endings(policy, own[agent], worlds, starts, seed=seed)
             often = endings.n_reversals[endings.success]
             mean = round(float(often.mean()), 3) if len(often) else None
             scores[agent][family] = FamilyScore(score=tracks_score(endings), reversals=mean)

@@ -63,7 +63,7 @@ def judge_generated(
         starts: episodes in each track.
         task: the task.
         sim: "planar" for policies, the engines "bullet" and "mujoco" for any agent.
-        seed: of the episodes in an engine.
+        seed: of the episodes in an engine, of noise and dynamics.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes that draw the tracks, and drive in an engine.
 
@@ -75,7 +75,7 @@ def judge_generated(
     policy = as_policy(loaded, agent) if sim == "planar" else None
     worlds = list(generate_tracks(seeds, robot=load_robot(task.robot), workers=workers))
     if policy is not None:
-        return tracks_score(planar_endings(policy, task, worlds, starts, action_noise=action_noise))
+        return tracks_score(planar_endings(policy, task, worlds, starts, seed=seed, action_noise=action_noise))
     task = with_engine(task, sim)
     driven = engine_endings(agent, task, worlds, starts, seed=seed, action_noise=action_noise, workers=workers)
     return tracks_score(in_order(dict(driven)))

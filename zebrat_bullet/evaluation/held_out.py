@@ -77,7 +77,7 @@ class SetJudgement:
         episodes: in each track.
         sim: "planar" for policies, the engines "bullet" and "mujoco" for any agent.
         n_tracks: only so many, drawn from the seed; None takes all.
-        seed: of that draw, and of the episodes in an engine; the same for every agent.
+        seed: of that draw, of the episodes in an engine, of noise and dynamics; the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         supervised_m: margin of the supervisor that the commands go through, not of planar cars; None: there is none.
         workers: processes.
@@ -160,7 +160,8 @@ def _drive(agent: str, worlds: list[World], how: SetJudgement, on_done: Callable
             ended += n
             on_done(ended // how.episodes)
 
-        return planar_endings(policy, how.task, worlds, how.episodes, action_noise=how.action_noise, on_end=on_end)
+        noise, seed = how.action_noise, how.seed
+        return planar_endings(policy, how.task, worlds, how.episodes, seed=seed, action_noise=noise, on_end=on_end)
     found: dict[int, Endings] = {}
     driven = engine_endings(
         agent,

@@ -10,7 +10,7 @@ from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.world import World
 
 
-def cars_for(policy: PolicyAgent, task: TaskConfig, worlds: Sequence[World], n_cars: int) -> PlanarDrive:
+def cars_for(policy: PolicyAgent, task: TaskConfig, worlds: Sequence[World], n_cars: int, seed: int = 0) -> PlanarDrive:
     """Return planar cars under a task, whose observation gives way to the policy's.
 
     Raises:
@@ -23,7 +23,7 @@ def cars_for(policy: PolicyAgent, task: TaskConfig, worlds: Sequence[World], n_c
         waypoint=seen.waypoint,
         trail_steps=seen.trail_steps,
     )
-    drive = PlanarDrive(replace(task, observation=observation), worlds, n_cars, raw=seen.raw)
+    drive = PlanarDrive(replace(task, observation=observation), worlds, n_cars, raw=seen.raw, seed=seed)
     its, ours = asdict(seen), asdict(drive.spec)
     if differing := [f"{name} {its[name]} for {ours[name]}" for name in ours if its[name] != ours[name]]:
         raise ConfigError(

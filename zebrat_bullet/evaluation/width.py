@@ -34,7 +34,7 @@ class WidthStudy:
         widths_m: ascending.
         episodes: for each agent, shape, sense and width.
         sim: "planar", "bullet" or "mujoco"; where policies drive planar cars, other agents drive in PyBullet.
-        seed: of the episodes in PyBullet; on planar cars they begin at a passage's own poses.
+        seed: of the episodes in PyBullet; on planar cars, which begin at a passage's own poses, of noise and dynamics.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         workers: processes; None takes one a core.
         task: the task driven; limits, lidar and safety region of a policy are those that it was trained with.
@@ -185,7 +185,8 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
         )  # fmt: skip
         return
     assert isinstance(agent, PolicyAgent)
-    found = planar_endings(agent, study.task, worlds, study.episodes, action_noise=study.action_noise)
+    noise, seed = study.action_noise, study.seed
+    found = planar_endings(agent, study.task, worlds, study.episodes, seed=seed, action_noise=noise)
     for i in range(len(worlds)):
         part = slice(i, i + 1)
         yield i, Endings(found.outcome[part], found.time_s[part], found.n_reversals[part])

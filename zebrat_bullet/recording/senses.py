@@ -52,9 +52,7 @@ class Eyes:
         limits: of what is refused; None: the driver's own.
     """
 
-    def __init__(
-        self, task: TaskConfig, mount: Mount, needed: NDArray[np.intp], limits: Limits | None = None
-    ) -> None:
+    def __init__(self, task: TaskConfig, mount: Mount, needed: NDArray[np.intp], limits: Limits | None = None) -> None:
         self._task, self._mount, self._limits = task, mount, limits or Limits()
         self._rotation = rotation_from_rpy(*mount.rpy_rad)
         lidar = task.lidar

@@ -99,12 +99,17 @@ def _iqm(at: Mapping[str, Any]) -> str:
 
 def _notes(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = [
-        f"- {Path(run['folder']).name}: unfinished, {run['episodes']} of {run['budget_episodes']} episodes"
+        f"- {Path(run['folder']).name}: unfinished, {run[run['budget_unit']]:,} of {_budget(run['budget'])} "
+        f"{run['budget_unit']}"
         for at in summaries
         for run in at["runs"]
         if not run["finished"]
     ]
     return ["", *lines] if lines else []
+
+
+def _budget(n: int | None) -> str:
+    return "an open number of" if n is None else f"{n:,}"
 
 
 def _curve_rows(curve: Curve, x_name: str) -> list[dict[str, object]]:

@@ -43,7 +43,8 @@ class TrainingRun:
     Attributes:
         folder: where it is; of one in a zip archive, where it would be if that were a folder.
         seed: of the run.
-        budget: episodes that it was to last.
+        budget: how long it was to last: in episodes, of planar cars in steps; None where only its minutes are limited.
+        unit: of the budget, "episodes" or "steps".
         finished: it came to its end.
         episodes: columns episode, total_steps, wall_s, return, steps, and outcome (str), a row an episode.
         evaluations: columns episode, total_steps, wall_s, success, collision, fail, time_s, best, a row a noise-free
@@ -52,7 +53,8 @@ class TrainingRun:
 
     folder: Path
     seed: int
-    budget: int
+    budget: int | None
+    unit: str
     finished: bool
     episodes: Table
     evaluations: Table
@@ -146,11 +148,13 @@ def _read_settings(path: Path) -> dict[str, Any]:
 
 def _read_run(folder: Path, place: Path, config: dict[str, Any]) -> TrainingRun:
     episodes = _read_csv(place / "episodes.csv", _EPISODE_NUMBERS, ("outcome",))
+    planar = bool(config.get("planar"))  # whose log holds the episodes of a few cars
     return TrainingRun(
         folder=folder,
         seed=config["seed"],
-        budget=config["episodes"],
-        finished=is_finished(place) or len(episodes["episode"]) >= config["episodes"],
+        budget=config["steps"] if planar else config["episodes"],
+        unit="steps" if planar else "episodes",
+        finished=is_finished(place) or (not planar and len(episodes["episode"]) >= config["episodes"]),
         episodes=episodes,
         evaluations=_read_csv(place / "evaluations.csv", _EVALUATION_NUMBERS, ()),
     )

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import save_file
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.files import MB, read_json, read_npz, read_safetensors, refusing
+from zebrat_bullet.files import MB, read_json, read_npz, read_safetensors, refusing, write_safetensors
 from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.tensors import put_tensors, tensors_of
 
@@ -49,7 +48,7 @@ def save_checkpoint(
     part, old = folder.with_suffix(".part"), folder.with_suffix(".old")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
-    save_file({name: tensor.detach().clone() for name, tensor in tensors_of(model).items()}, part / NETWORKS)
+    write_safetensors(part / NETWORKS, {name: tensor.detach().numpy() for name, tensor in tensors_of(model).items()})
     kept = {"torch_rng": torch.get_rng_state().numpy()} | {
         f"env/{name}": array for name, array in (arrays or {}).items()
     }

@@ -62,7 +62,8 @@ class PlanarCallback(BaseCallback):
         self._episode = state.get("episode", 0)
         self._best = tuple(state["best"]) if state.get("best") else None
         self._wall_before = state.get("wall_s", 0.0)
-        self._evaluated_at = state.get("evaluated_at", 0)
+        # What a fine-tuning begins with is judged first.
+        self._evaluated_at = state.get("evaluated_at", -planar.eval_every_steps if config.init else 0)
         self._recent: deque[bool] = deque(maxlen=RECENT)
         self._episodes = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS)
         self._evaluations = CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS)
@@ -88,24 +89,20 @@ class PlanarCallback(BaseCallback):
     def _on_rollout_start(self) -> None:
         if isinstance(self.model, RunPPO):
             self.model.share_done = min(self._share_done(), 1.0)
-        if self.num_timesteps - self._evaluated_at >= self._planar.eval_every_steps:
+        done, since = self._share_done() >= 1.0, self.num_timesteps - self._evaluated_at
+        if since >= self._planar.eval_every_steps or (done and since > 0):
             self._evaluate()
             self.save()
-        # Only between two rollouts: one that is cut short would not be learned from.
-        self._over = self._good_enough or self._share_done() >= 1.0
+        # Only between two rollouts: one that is cut short would not be learned from. The next step ends the run.
+        self._over = self._good_enough or done
         if self._planar.curriculum > 0.0:
             interest = self._planar.curriculum + self._learned * (1.0 - self._learned)
             self._cars.env.drive.weights = interest / interest.sum()
         elapsed = max(time.monotonic() - self._began, 1e-9)
         steps_per_s = (self.num_timesteps - self._first_step) / elapsed
         recent = sum(self._recent) / max(len(self._recent), 1)
-        done = round(100 * min(self._share_done(), 1.0))
-        self._on_progress(Progress(done, 100, steps_per_s, recent, self._best[0] if self._best else 0.0))
-
-    def _on_training_end(self) -> None:
-        if self._evaluated_at != self.num_timesteps:
-            self._evaluate()
-        self.save()
+        percent = round(100 * min(self._share_done(), 1.0))
+        self._on_progress(Progress(percent, 100, steps_per_s, recent, self._best[0] if self._best else 0.0))
 
     def save(self) -> None:
         """Write the last policy and a checkpoint."""

@@ -52,8 +52,13 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     Raises:
         ConfigError: the folder holds a run already, or there is no such world or model to begin with.
     """
-    if has_checkpoint(folder) or is_finished(folder) or any((folder / name).exists() for name in POLICY_FILES):
+    if has_checkpoint(folder) or is_finished(folder):
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
+    if any((folder / name).exists() for name in POLICY_FILES):
+        raise ConfigError(
+            f"{folder} holds the policy of a run that ended before its first checkpoint, so it cannot be resumed; name "
+            "another folder, or delete this one"
+        )
     training_worlds(config.worlds, config.task)
     judging_worlds(config.eval_worlds, config.task)
     require_init(config)

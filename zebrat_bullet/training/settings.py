@@ -70,6 +70,10 @@ class PlanarConfig:
             )
 
 
+EPISODES = 1000
+"""Of the paper's runs."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """One training run.
@@ -77,7 +81,7 @@ class TrainConfig:
     Attributes:
         learner: the algorithm and its settings.
         worlds: worlds of the training episodes, by name or file; each episode draws one.
-        episodes: length of the run; schedules end with it.
+        episodes: length of the run; schedules end with it. Planar cars have `steps` and `max_minutes` instead.
         steps: length in environment steps, None for no such limit; whichever limit comes first ends run and schedules.
         max_minutes: wall-clock limit, None for none; the run ends early and keeps what it has.
         init: an SB3 zip (a run's best.zip) whose networks to begin with, for fine-tuning (paper: 500 episodes from the
@@ -102,7 +106,7 @@ class TrainConfig:
 
     learner: Learner = field(default_factory=DDPGConfig)
     worlds: tuple[str, ...] = ("big_track",)
-    episodes: int = 1000
+    episodes: int = EPISODES
     steps: int | None = None
     max_minutes: float | None = None
     init: str = ""
@@ -130,6 +134,13 @@ class TrainConfig:
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
         if self.planar:
             require_planar_cars(self.task)
+            if self.steps is None and self.max_minutes is None:
+                raise ConfigError("a run on planar cars would never end; set steps or max_minutes")
+            if self.episodes != EPISODES:
+                raise ConfigError(
+                    f"episodes={self.episodes} says nothing to planar cars, of which many drive at once; set steps "
+                    "or max_minutes"
+                )
             if not (self.planar.n_eval_tracks or self.eval_worlds or self.worlds):
                 raise ConfigError("nothing to choose the best policy by: name eval_worlds, or set planar.n_eval_tracks")
         if self.steps is not None and self.steps < 1:
