@@ -26,6 +26,7 @@ from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.report.comparison.build import build_report, make_document
 from zebrat_bullet.report.comparison.document import Cards
 from zebrat_bullet.report.comparison.evidence import Evidence
+from zebrat_bullet.report.comparison.numbers import points
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
 from zebrat_bullet.report.comparison.section_evaluation import ablation_section
 from zebrat_bullet.report.comparison.section_run import run_section
@@ -284,6 +285,13 @@ def test_sets_of_one_length_that_differ_in_one_thing_are_held_against_each_other
         ("DDPG FOMT - SAC FOMT", "1 step", "+20.0 (-15.5 to +55.5)", "+10.0 (-7.7 to +27.7)", "+0.0"),
         ("DDPG FT - SAC FT", "1 step", *few),
     ]
+
+
+def test_an_interval_of_points_ends_at_a_hundred():
+    assert points([0.0, 1.0, 1.0], [0.0, 0.0, 1.0]) == "+33.3 (-97.5 to +100.0)"
+    assert points([0.0, 0.0, 1.0], [0.0, 1.0, 1.0]) == "-33.3 (-100.0 to +97.5)"
+    assert points([0.5] * 3, [0.25] * 3) == "+25.0"
+    assert points([0.5] * 2, [0.25] * 3) == "too few seeds"
 
 
 def test_another_ending_or_a_missing_table_is_refused(folder, tmp_path):

@@ -267,3 +267,8 @@ def test_a_presets_worlds_stay_unless_others_are_named(tmp_path, monkeypatch):
     assert kept[1].worlds == several.worlds
     (named,) = open_sweep(Sweep(preset="several", worlds=("track_2",)), tmp_path / "named").values()
     assert named.worlds == ("track_2",)
+
+
+def test_no_workers_are_refused_before_anything_is_written(tmp_path, capfd):
+    assert main(["sweep", "--workers", "0", "--out", str(tmp_path / "sweep")]) == 2
+    assert "at least 1 worker process, got 0" in capfd.readouterr().err and not (tmp_path / "sweep").exists()

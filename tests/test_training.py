@@ -506,3 +506,13 @@ def test_a_run_that_ended_before_its_first_checkpoint_is_told_as_what_it_is(tmp_
     (tmp_path / "best.safetensors").write_bytes(b"half")
     with pytest.raises(ConfigError, match="ended before its first checkpoint, so it cannot be resumed"):
         train(TINY, tmp_path)
+
+
+def test_a_run_that_is_interrupted_says_how_it_goes_on(tmp_path, capfd, monkeypatch):
+    def interrupted(config, folder, on_progress):
+        (folder / "checkpoint").mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("zebrat_bullet.training.run.train", interrupted)
+    assert main(["train", "--out", str(tmp_path / "run")]) == 130
+    assert f"`zebrat train --resume --out {tmp_path / 'run'}` goes on from its last" in capfd.readouterr().err

@@ -24,7 +24,7 @@ def train(arguments: argparse.Namespace) -> Result:
     """Train a policy, or resume a killed run; leave its learning curve in its folder."""
     from zebrat_bullet.report.curves import draw_learning_curve
     from zebrat_bullet.training import run
-    from zebrat_bullet.training.run_folder import evaluations, summarise
+    from zebrat_bullet.training.run_folder import evaluations, has_checkpoint, summarise
     from zebrat_bullet.training.sweep_run import claim
 
     folder = arguments.out or Path("runs") / _run_name(arguments)
@@ -39,13 +39,18 @@ def train(arguments: argparse.Namespace) -> Result:
         shown = bar.add_task("training", total=None)
 
         def on_progress(at: Any) -> None:
-            note = f"{at.steps_per_s:.0f} steps/s  success {at.recent_success:.0%}  best {at.best_success:.0%}"
-            bar.update(shown, completed=at.done, total=at.total, description=note)
+            said = f"{at.steps_per_s:.0f} steps/s  success {at.recent_success:.0%}  best {at.best_success:.0%}"
+            bar.update(shown, completed=at.done, total=at.total, description=said)
 
-        if config is None:
-            run.resume(folder, on_progress)
-        else:
-            run.train(config, folder, on_progress)
+        try:
+            if config is None:
+                run.resume(folder, on_progress)
+            else:
+                run.train(config, folder, on_progress)
+        except KeyboardInterrupt:
+            if has_checkpoint(folder):
+                note(arguments, f"`zebrat train --resume --out {folder}` goes on from its last checkpoint")
+            raise
     draw_learning_curve(folder, folder / "learning_curve.png")
     summary = summarise(folder)
     best = summary["best"]

@@ -25,6 +25,8 @@ def sweep(arguments: argparse.Namespace) -> Result:
 
     if arguments.retries < 0:
         raise ConfigError(f"retries must be at least 0, got {arguments.retries}")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ConfigError(f"a sweep takes at least 1 worker process, got {arguments.workers}")
     folder = (arguments.out or Path("runs/sweep")).resolve()
     runs = open_sweep(_sweep_of(arguments, folder), folder)
     try:

@@ -30,4 +30,5 @@ def points(a: Sequence[float], b: Sequence[float]) -> str:
     at = seeds_difference(a, b)
     if math.isnan(at.low):
         return f"{100 * at.value:+.1f}"
-    return f"{100 * at.value:+.1f} ({100 * at.low:+.1f} to {100 * at.high:+.1f})"
+    low, high = max(at.low, -1.0), min(at.high, 1.0)  # of shares none is further apart
+    return f"{100 * at.value:+.1f} ({100 * low:+.1f} to {100 * high:+.1f})"
