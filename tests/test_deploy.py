@@ -221,6 +221,8 @@ STOPS: dict[str, tuple[Callable[[Driver], Decision], str]] = {
     "an angle in degrees": (lambda d: d.drive_scan(FREE, -90.0), "both in radians, got angle_min -90.0"),
     "an angle that is none": (lambda d: d.drive_scan(FREE, None), "both in radians, got angle_min None"),
     "a step of words": (lambda d: d.drive_scan(FREE, 0.0, "1"), "angle_increment '1'"),
+    "time that runs back": (lambda d: d.drive_cloud(a_cloud(), since_s=-0.1), "since the last call .* got -0.1"),
+    "no time": (lambda d: d.drive_scan(FREE, since_s=math.nan), "since the last call .* got nan"),
     "masked, all of it": (lambda d: d.drive_cloud(np.ma.masked_all((5760, 3), np.float32)), "0 of 5760 points"),
 }
 
@@ -236,7 +238,7 @@ def test_the_documented_refusals_are_those_that_are_given(driver):
     page = (Path(__file__).parent.parent / "docs/deploy.md").read_text()
     said = re.findall(r"^\| .* \| `(.*)` \|$", page.partition("## When it stops")[2].partition("\n\n`Driver")[0], re.M)
     given = [decide(driver).refusal for decide, _ in STOPS.values()]
-    assert len(said) == 9
+    assert len(said) == 11
     for text in said:
         begins = text.removesuffix("...").removesuffix(" ").removesuffix(";")
         assert any(refusal.startswith(begins) for refusal in given), text

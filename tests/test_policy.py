@@ -9,6 +9,7 @@ from safetensors.numpy import save_file
 
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
 from zebrat_bullet.errors import PolicyError
+from zebrat_bullet.files import read_safetensors, write_safetensors
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.types import Clearance, Command, FlatScan, Reading
 
@@ -114,3 +115,11 @@ def test_a_shipped_policy_is_unguided_and_acts_as_its_layers_say(name):
 def test_a_policy_of_another_kind_is_refused(outputs, head, activation, message):
     with pytest.raises(PolicyError, match=message):
         policy([0.0] * outputs, head, activation)
+
+
+def test_arrays_are_written_as_they_are_however_they_lie_in_memory(tmp_path):
+    lying = {"turned": np.arange(6.0, dtype=np.float32).reshape(2, 3).T, "number": np.array(3.0, np.float32)}
+    write_safetensors(tmp_path / "x.safetensors", lying, {"a": "b"})
+    texts, read = read_safetensors(tmp_path / "x.safetensors", PolicyError)
+    assert texts == {"a": "b"} and read["number"].shape == ()
+    assert np.array_equal(read["turned"], lying["turned"]) and float(read["number"]) == 3.0

@@ -288,14 +288,15 @@ def test_a_wrong_parameter_is_refused(processes, policy, arguments, told):
 @pytest.mark.parametrize(
     "renamed, first_line, told",
     [
-        ((), "zebrat_driver:", "parameters of zebrat_driver and none of zebrat_drive"),
-        (("-r", "__node:=front"), "zebrat_drive:", "parameters of zebrat_drive and none of front"),
+        ((), "zebrat_driver:", "files are of zebrat_driver and none is of zebrat_drive"),
+        (("-r", "__node:=front"), "zebrat_drive:", "files are of zebrat_drive and none is of front"),
         ((), "zebrat_drive:", ""),
         ((), "/zebrat_drive:", ""),
         ((), '"/**":', ""),
         (("-r", "__node:=front"), "front:", ""),
         (("-r", "__ns:=/car"), "/car/zebrat_drive:", ""),
         (("-r", "__ns:=/car"), "car:\n  zebrat_drive:", ""),
+        (("-r", "__ns:=/fleet/car"), "fleet:\n  car:\n    zebrat_drive:", ""),
     ],
 )
 def test_a_parameter_file_for_other_nodes_alone_is_refused(processes, tmp_path, renamed, first_line, told):
@@ -312,6 +313,14 @@ def test_a_parameter_file_for_other_nodes_alone_is_refused(processes, tmp_path, 
             node = make_node("zebrat_drive", arguments)
             assert read_parameters(node, DriveSettings).margin_m == 0.25
             node.destroy_node()
+    # Beside one that is meant another may be of other nodes; a -p of another is told all the same.
+    other = tmp_path / "other.yaml"
+    other.write_text("camera:\n  ros__parameters:\n    rate: 5\n")
+    if not told:
+        with ros(both := [*arguments, "--params-file", str(other)]):
+            make_node("zebrat_drive", both).destroy_node()
+            with pytest.raises(ConfigError, match="is for another node"):
+                make_node("zebrat_drive", [*both, "-p", "camera:rate:=6"])
 
 
 def test_a_terminal_that_is_closed_ends_in_a_stop(processes, policy, probe):

@@ -55,6 +55,7 @@ class Run:
         self.refusals: list[str] = []
         self.ages: list[float] = []
         self.holds: list[float | None] = []
+        self.since: list[float | None] = []
         driver.reset()
         supervisor = Supervisor(driver.car, driver.definition.control_step_s, self.settings.margin_m, WATCHDOG_S)
         self.node = drive_node.DriveNode(node, self.settings, driver, supervisor)
@@ -67,10 +68,11 @@ class Run:
             self.refusals.append(decision.refusal)
             send(decision)
 
-        def checked(command, scan, speed, steering, age_s=0.0, hold_s=None):
+        def checked(command, scan, speed, steering, age_s=0.0, hold_s=None, since_s=None):
             self.ages.append(age_s)
             self.holds.append(hold_s)
-            return check(command, scan, speed, steering, age_s, hold_s)
+            self.since.append(since_s)
+            return check(command, scan, speed, steering, age_s, hold_s, since_s)
 
         monkeypatch.setattr(self.node, "_send", sent)
         monkeypatch.setattr(supervisor, "check", checked)
@@ -190,9 +192,11 @@ def test_the_supervisor_looks_as_far_ahead_as_a_slow_lidar_s_next_scan_and_the_l
     assert set(run.holds) == {None}
     run.until(BEGIN_S + 4.0, lambda now_s: now_s, 0.34)
     assert run.holds[-1] == pytest.approx(0.34, abs=1e-6)
-    assert "scans came up to 0.34 s apart, the policy has learned to decide every 0.2 s" in capfd.readouterr().err
+    assert run.since[-1] == pytest.approx(0.34, abs=1e-6)
+    told = "the last scans driven by came up to 0.34 s apart, the policy has learned to decide every 0.2 s"
+    assert told in capfd.readouterr().err
     run.until(BEGIN_S + 8.0, lambda now_s: now_s, 0.2)
-    assert run.holds[-1] is None
+    assert run.holds[-1] is run.since[-1] is None
 
 
 def _driven_m(run: Run) -> float:
@@ -207,7 +211,7 @@ def test_the_memory_of_a_policy_goes_by_time_at_any_rate_of_the_lidar(tmp_path, 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain.id))
     with closing(domain), ros(()):
         run = Run(_exported(tmp_path, "allround"), monkeypatch)
-        monkeypatch.setattr(run.node, "_checked", lambda decision, age_s: _straight(run, decision))
+        monkeypatch.setattr(run.node, "_checked", lambda decision, *times: _straight(run, decision))
         run.until(BEGIN_S + 3.0, lambda now_s: now_s, period_s)
         for refused in (True, False, True, False):  # none for some time, in which the watchdog stops the car
             if refused:

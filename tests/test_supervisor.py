@@ -97,12 +97,19 @@ def test_a_command_that_holds_longer_is_followed_for_so_long() -> None:
         assert bool(supervisor.check(AHEAD, scan, 0.6, 0.0, 0.0, 0.6).refusal) is stops
     supervisor = steady(AHEAD)
     assert not supervisor.check(AHEAD, walls(ahead=ahead_m), 0.6, 0.0).refusal  # a control step, as ever
-    # And the car is reckoned to have gone on for so long: its wheels have turned farther.
-    for hold_s in (0.2, 0.6):
+    # How far the car has come since is another matter: that is told at the next check.
+    for since_s, turned_rad in ((None, 0.5), (0.2, 0.5), (0.6, 0.6), (0.0, 0.0)):
         supervisor = steady(AHEAD)
-        supervisor.check(Command(0.6, 0.6), scan_of((-5.0, 0.0)), 0.6, None, 0.0, hold_s)
-        expected = 0.6 if hold_s == 0.6 else 0.5
-        assert supervisor._steerings_rad[1] == pytest.approx(expected, abs=0.05)
+        supervisor.check(Command(0.6, 0.6), scan_of((-5.0, 0.0)), 0.6, None, 0.0, 0.6)
+        supervisor.check(AHEAD, scan_of((-5.0, 0.0)), 0.6, None, 0.0, None, since_s)
+        assert supervisor._steerings_rad[1] == pytest.approx(turned_rad, abs=0.05)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -1.0, "0.2"])
+def test_a_time_that_is_none_stops_the_car(wrong: float) -> None:
+    for times in ({"hold_s": wrong}, {"since_s": wrong}):
+        decision = steady(AHEAD).check(AHEAD, walls(), 0.6, 0.0, **times)
+        assert decision.command.speed_mps == 0.0 and "finite and at least 0 s" in decision.refusal
 
 
 def test_a_wall_behind_does_not_stop_a_car_that_drives_ahead() -> None:

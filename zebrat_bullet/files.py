@@ -253,7 +253,8 @@ def write_safetensors(path: Path, tensors: Mapping[str, NDArray], texts: Mapping
     from safetensors.numpy import save
 
     part = path.with_suffix(".part")
-    part.write_bytes(save(dict(tensors), dict(texts) if texts else None))
+    rows = {name: np.asarray(array, order="C") for name, array in tensors.items()}  # it reads them as they lie
+    part.write_bytes(save(rows, dict(texts) if texts else None))
     part.replace(path)
 
 

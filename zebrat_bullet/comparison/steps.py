@@ -87,7 +87,7 @@ class Train:
         return not self.missing()
 
     def command(self) -> list[str]:
-        """Return the sweep of what is missing, and of what another budget has begun in this folder."""
+        """Return the smallest sweep with all that is missing, and what another budget has begun in this folder."""
         missing, begun = set(self.missing()), self.folder / MANIFEST
         before = read_manifest(begun) if is_file(begun) else {}
 

@@ -17,8 +17,8 @@ from zebrat_bullet.files import shown
 from zebrat_bullet.sensing.flatten import flatten_cloud
 from zebrat_bullet.types import Command, FlatScan
 
-_AHEAD_S = 0.02
-"""A scan may be so far from the future: clocks joined by NTP differ by a few ms."""
+AHEAD_S = 0.02
+"""A scan may be so far from the future: two clocks joined by NTP on one network differ by a few ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,8 +140,8 @@ class Driver:
         definition = self.definition
         rotation = self._rotation if rotation_level is None else rotation_level
         height = definition.car.lidar_xyz_base[2] if height_m is None else height_m
-        self.follow(since_s)
         try:
+            self.follow(since_s)
             self._check_age(age_s)
             limits = self._limits
             fewest = limits.least_points, limits.least_sector_points
@@ -169,8 +169,8 @@ class Driver:
             age_s: time since the scan was taken.
             since_s: time since the last call, for a policy with a memory; None: a control step.
         """
-        self.follow(since_s)
         try:
+            self.follow(since_s)
             self._check_age(age_s)
             return self._drive(self._scans.read(ranges_m, angle_min_rad, angle_increment_rad))
         except SensorError as error:
@@ -180,8 +180,13 @@ class Driver:
         """Take it that the car has done for so long what it was told last; None: for a control step.
 
         The `drive_` methods do so themselves: call it before `last_command` is set without one of them.
+
+        Raises:
+            SensorError: that is no time.
         """
         self.last_scan = None
+        if since_s is not None and not (isinstance(since_s, float | int | np.number) and 0.0 <= since_s < math.inf):
+            raise SensorError(f"the time since the last call is finite and at least 0 s, got {shown(repr(since_s))}")
         last = _numbers(self.last_command)
         if np.isfinite(last).all():
             self._trail.follow(last, since_s)
@@ -211,7 +216,7 @@ class Driver:
         """Refuse a scan that is old, and one from the future, where the clocks of sensor and driver disagree."""
         if not isinstance(age_s, int | float | np.number):
             raise SensorError(f"a scan's age is a number of seconds, got {shown(repr(age_s))}")
-        if age_s < -_AHEAD_S:
+        if age_s < -AHEAD_S:
             raise SensorError(
                 f"the scan is from {-age_s:.3f} s in the future: the lidar's clock is ahead of this computer's; "
                 "synchronise them"

@@ -101,7 +101,7 @@ class Supervisor:
 
     def reset(self) -> None:
         """Begin anew with a car at rest whose wheels are straight."""
-        self._last, self._hold_s = Command(0.0, 0.0), self.control_step_s
+        self._last = self._before = Command(0.0, 0.0)
         self._speeds_mps = [0.0]
         self._steerings_rad = (0.0,) * len(self._lags_s)
 
@@ -113,6 +113,7 @@ class Supervisor:
         steering_rad: float | None,
         age_s: float = 0.0,
         hold_s: float | None = None,
+        since_s: float | None = None,
     ) -> Decision:
         """Return the command, within the car's limits, or a stop and why.
 
@@ -122,10 +123,15 @@ class Supervisor:
             speed_mps: measured forward speed; None: as the commands so far should have brought it about.
             steering_rad: measured angle of the virtual centre wheel; None: likewise.
             age_s: how old the scan is.
-            hold_s: time until the next check; None: a control step.
+            hold_s: longest time that there may be until the next check; None: a control step.
+            since_s: time since the last one; None: a control step.
         """
-        self._hold_s = self.control_step_s if hold_s is None else hold_s
+        hold_s, since_s = (self.control_step_s if each is None else each for each in (hold_s, since_s))
+        timed = all(isinstance(each, float | int) and 0.0 <= each < math.inf for each in (hold_s, since_s))
+        self._advance(since_s if timed else self.control_step_s)
         wrong = self._wrong(command, scan, age_s, speed_mps, steering_rad)
+        if not timed:
+            wrong = f"times to and since a check are finite and at least 0 s, got {hold_s!r} and {since_s!r}"
         if speed_mps is not None and abs(speed_mps) <= _FASTEST * self.car.max_speed_mps:
             reckoned = self._speeds_mps[0]
             far_off = abs(speed_mps - reckoned) > 0.5 * self.car.max_speed_mps
@@ -135,8 +141,8 @@ class Supervisor:
         decision = Decision(Command(0.0, self._last.steering_rad), wrong) if wrong else None
         if decision is None:
             assert scan is not None
-            decision = self._judge(self._clipped(command), scan, age_s)
-        self._advance(decision.command)
+            decision = self._judge(self._clipped(command), scan, age_s, hold_s)
+        self._before, self._last = self._last, decision.command
         return decision
 
     def _wrong(
@@ -184,7 +190,7 @@ class Supervisor:
             )
         return ""
 
-    def _judge(self, command: Command, scan: FlatScan, age_s: float) -> Decision:
+    def _judge(self, command: Command, scan: FlatScan, age_s: float, hold_s: float) -> Decision:
         points = scan_points(scan, self.car)
         now = self._outline.gaps(points, _HERE)[0]
         if (deepest := now.min(initial=math.inf)) < -INSIDE_M:
@@ -193,18 +199,18 @@ class Supervisor:
                 f"{int((now < -INSIDE_M).sum())} returns stand up to {-deepest:.2f} m inside the car's outline, as if "
                 "the lidar saw the car itself, or something on it; take it away, or filter these returns out",
             )
-        path = self._paths(command, age_s)
+        path = self._paths(command, age_s, hold_s)
         least = self._rooms(points, now, [path])[0]
         if least.min() >= self.margin_m:
             return Decision(command)
         stops = [Command(0.0, steering) for steering in (command.steering_rad, self._last.steering_rad)]
-        braked = [self._paths(stop, age_s) for stop in stops]
+        braked = [self._paths(stop, age_s, hold_s) for stop in stops]
         rooms = np.minimum(self._rooms(points, now, braked), self.margin_m)
         best = 0 if rooms[0].min() >= rooms[1].min() - _SAME_M else 1
         nearer = (least < rooms[best] - _SAME_M).any()
         if not nearer and not self._touches_more(_apart(points, now), path, braked[best]):
             return Decision(command)
-        return Decision(stops[best], self._reason(points, now, path) + self._advice(points, now, age_s))
+        return Decision(stops[best], self._reason(points, now, path) + self._advice(points, now, age_s, hold_s))
 
     def _touches_more(
         self, points: NDArray[np.float64], path: list[NDArray[np.float64]], stop: list[NDArray[np.float64]]
@@ -217,10 +223,10 @@ class Supervisor:
                 return True
         return False
 
-    def _paths(self, command: Command, age_s: float) -> list[NDArray[np.float64]]:
+    def _paths(self, command: Command, age_s: float, hold_s: float) -> list[NDArray[np.float64]]:
         """Return the (T, 4) poses of a command and of braking after it, for each way in which the steering may turn."""
         brake = (math.inf, Command(0.0, command.steering_rad))
-        phases = [(age_s + self.delay_s, self._last), (self._hold_s, command), brake]
+        phases = [(age_s + self.delay_s, self._last), (hold_s, command), brake]
         if command.speed_mps == 0.0:
             del phases[1]
         return [
@@ -267,11 +273,11 @@ class Supervisor:
         bearing = math.atan2(point[1] / half[1], point[0] / half[0])
         return _SIDES[round((bearing + math.pi) / (math.pi / 4.0)) % len(_SIDES)]
 
-    def _advice(self, points: NDArray[np.float64], now: NDArray[np.float64], age_s: float) -> str:
+    def _advice(self, points: NDArray[np.float64], now: NDArray[np.float64], age_s: float, hold_s: float) -> str:
         """Return which ways the car could go, looked at coarsely: each is checked when it is commanded."""
         speed, lock = self.car.max_speed_mps, self.car.max_steering_rad
         ways = [Command(speed * sign, steering) for sign in (1.0, -1.0) for steering in (lock, 0.0, -lock)]
-        rooms = self._rooms(points, now, [self._paths(way, age_s) for way in ways], _COARSE).min(axis=1)
+        rooms = self._rooms(points, now, [self._paths(way, age_s, hold_s) for way in ways], _COARSE).min(axis=1)
         free = [name for name, room in zip(_WAYS, rooms, strict=True) if room >= self.margin_m]
         return f"free at full speed: {', '.join(free)}" if free else "no way is free at full speed, go slower"
 
@@ -279,17 +285,16 @@ class Supervisor:
         most, lock = self.car.max_speed_mps, self.car.max_steering_rad
         return Command(max(-most, min(most, command.speed_mps)), max(-lock, min(lock, command.steering_rad)))
 
-    def _advance(self, command: Command) -> None:
-        """Note the command, and how the car will move at the next check."""
-        late = min(self.delay_s, self._hold_s)
-        phases = [(late, self._last), (self._hold_s - late, command)]
+    def _advance(self, since_s: float) -> None:
+        """Reckon how the car moves now, so long after the last check."""
+        late = min(self.delay_s, since_s)
+        phases = [(late, self._before), (since_s - late, self._last)]
         ends = [
             motion(self.car, self._speeds_mps[0], steering, phases, lag)
             for steering, lag in zip(self._steerings_rad, self._lags_s, strict=True)
         ]
         self._steerings_rad = tuple(end[2] for end in ends)
         self._speeds_mps = [ends[0][1]]
-        self._last = command
 
 
 def _apart(points: NDArray[np.float64], gaps_m: NDArray[np.float64]) -> NDArray[np.float64]:

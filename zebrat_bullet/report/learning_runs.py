@@ -143,6 +143,8 @@ def _read_settings(path: Path) -> dict[str, Any]:
         reward_name(config["task"]), float(config["task"]["reward"]["success"])
         if not all(isinstance(config[name], int) for name in ("seed", "episodes")):
             raise ValueError("seed and episodes are whole numbers")
+        if config.get("planar") and not isinstance(config["steps"], int | None):
+            raise ValueError("steps of planar cars are a whole number, or null")
         return config
 
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from zebrat_bullet.deploy.decision import Decision
-from zebrat_bullet.deploy.driver import Driver
+from zebrat_bullet.deploy.driver import AHEAD_S, Driver
 from zebrat_bullet.deploy.senses import EARLY, turned_rays
 from zebrat_bullet.deploy.supervisor import Supervisor
 from zebrat_bullet.errors import SensorError
@@ -36,8 +36,6 @@ _AS_DUE = 0.05
 """A scan that is off its time by less than this share of a control step is on it."""
 _GAPS = 5
 """So many waits for a scan say how long the next may be."""
-_AHEAD_S = 0.02
-"""A stamp may be so far ahead: two clocks joined by NTP on one network differ by a few ms, a lidar's PTP by less."""
 
 
 class DriveNode:
@@ -106,11 +104,12 @@ class DriveNode:
             return
         self._gaps_s.append(arrival_s - self._driven[1])
         self._driven, age_s = (stamp_s, arrival_s), now_s - stamp_s
-        decision = self._decide(message, age_s, self._since_s(arrival_s))
+        since_s = self._since_s(arrival_s)
+        decision = self._decide(message, age_s, since_s)
         # Stamps that creep tell nothing new: such a scan feeds the watchdog from when it was taken, not from now.
         late_s = max(0.0, age_s) if early and not decision.refusal else 0.0
         self._heard = now_s - late_s, begin_s - late_s
-        self._send(self._checked(decision, age_s))
+        self._send(self._checked(decision, age_s, since_s))
         self.work_s.append(time.monotonic() - begin_s)
         self.age_s.append(self._now_s() - stamp_s)
 
@@ -144,8 +143,8 @@ class DriveNode:
         if (now_s := time.monotonic()) - self._slow_said_s >= _SAY_AGAIN_S:
             self._slow_said_s = now_s
             self._node.get_logger().warning(
-                f"scans came up to {longest_s:.2f} s apart, the policy has learned to decide every {step_s:g} s; the "
-                "supervisor looks so far ahead, up to watchdog_s"
+                f"the last scans driven by came up to {longest_s:.2f} s apart, the policy has learned to decide every "
+                f"{step_s:g} s; the supervisor looks so far ahead, up to watchdog_s"
             )
         return min(longest_s, self._settings.watchdog_s)
 
@@ -159,7 +158,7 @@ class DriveNode:
         if self._sim_time and self._now_s() == 0.0:
             raise SensorError("use_sim_time is true and nothing publishes /clock; set it to false on a real car")
         # In simulated time /clock may be heard after the scan of the same instant, by a whole control step.
-        if -age_s > (self._settings.watchdog_s if self._sim_time else _AHEAD_S):
+        if -age_s > (self._settings.watchdog_s if self._sim_time else AHEAD_S):
             raise SensorError(
                 f"a scan stamped {-age_s:.3f} s in the future: the lidar's clock is ahead of this computer's; "
                 "synchronise the two (PTP, NTP), set use_sim_time for a simulated lidar, or trust_stamps to false"
@@ -174,7 +173,7 @@ class DriveNode:
     def _stop(self) -> Command:
         return Command(0.0, self._driver.last_command.steering_rad)
 
-    def _checked(self, decision: Decision, age_s: float) -> Decision:
+    def _checked(self, decision: Decision, age_s: float, since_s: float | None) -> Decision:
         """Return what the limits and the supervisor leave of a decision."""
         speed, steering = self._settings.max_speed_mps, self._settings.max_steering_rad
         command = Command(
@@ -184,7 +183,8 @@ class DriveNode:
         if self._supervisor is not None:
             scan = None if decision.refusal else self._driver.last_scan
             speed_mps = self._measured_speed()
-            checked = self._supervisor.check(command, scan, speed_mps, None, max(0.0, age_s), self._hold_s())
+            age_s = max(0.0, age_s)
+            checked = self._supervisor.check(command, scan, speed_mps, None, age_s, self._hold_s(), since_s)
             decision = replace(checked, refusal=decision.refusal or checked.refusal)
             command = decision.command
         self._driver.last_command = command
@@ -211,8 +211,9 @@ class DriveNode:
             refusal = f"no scan on {self.listener.topic} for {silent_s:.2f} s"
             if self._repeats:
                 refusal += ", but one stamp again and again; the lidar hangs, or does not stamp its scans"
-            self._driver.follow(self._since_s(self._now_s() if self._sim_time else time.monotonic()))
-            self._send(self._checked(Decision(self._stop(), refusal), 0.0))
+            since_s = self._since_s(self._now_s() if self._sim_time else time.monotonic())
+            self._driver.follow(since_s)
+            self._send(self._checked(Decision(self._stop(), refusal), 0.0, since_s))
 
     def _send(self, decision: Decision) -> None:
         self._publish(decision.command)

@@ -121,10 +121,12 @@ def make_node(name: str, arguments: Sequence[str] = ()) -> Node:
         ConfigError: parameters are given, in a file or by -p, for other nodes alone; ROS passes over them in silence.
     """
     node = Node(name, automatically_declare_parameters_from_overrides=True)
-    names = {node.get_name(), node.get_fully_qualified_name().lstrip("/")}
+    full = node.get_fully_qualified_name().strip("/")
+    n_meant, others = 0, list[str]()
 
     def is_meant(key: str) -> bool:
-        return "*" in key or key.strip("/") in {*names, node.get_namespace().strip("/")}
+        key = key.strip("/")
+        return "*" in key or key == node.get_name() or f"{full}/".startswith(f"{key}/")
 
     for option, value in pairwise(arguments):
         if option in ("-p", "--param") and ":" in (key := value.partition(":=")[0]) and not is_meant(key.split(":")[0]):
@@ -133,11 +135,13 @@ def make_node(name: str, arguments: Sequence[str] = ()) -> Node:
             )
         if option == "--params-file" and is_file(value):
             keys = _TOP_KEY.findall(read_text(Path(value), ConfigError))
-            if keys and not any(map(is_meant, keys)):
-                raise ConfigError(
-                    f"{value} holds parameters of {', '.join(map(shown, keys))} and none of {node.get_name()}, so none "
-                    f"would count; begin it with {node.get_name()}:"
-                )
+            n_meant += not keys or any(map(is_meant, keys))
+            others += keys
+    if others and not n_meant:
+        raise ConfigError(
+            f"the parameter files are of {', '.join(map(shown, others))} and none is of {node.get_name()}, so nothing "
+            f"in them would count; begin one with {node.get_name()}:"
+        )
     return node
 
 

@@ -134,7 +134,7 @@ class TrainConfig:
             raise ConfigError("nothing to train on: name at least one world, or set planar.n_tracks")
         if self.planar:
             require_planar_cars(self.task)
-            if self.steps is None and self.max_minutes is None:
+            if self.steps is None and self.max_minutes is None and self.stop_at is None:
                 raise ConfigError("a run on planar cars would never end; set steps or max_minutes")
             if self.episodes != EPISODES:
                 raise ConfigError(
