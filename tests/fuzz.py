@@ -206,11 +206,13 @@ def _record(folder: Path) -> None:
 def _bag(storage: str, folder: Path) -> None:
     ros1 = storage == "ros1"
     messages = bags.Messages(Stores.ROS1_NOETIC) if ros1 else bags.Messages()
+    angles = np.linspace(0.1, 6.2, 200)
+    around = np.stack([2.0 * np.cos(angles), 2.0 * np.sin(angles), np.zeros(200)], axis=1)
     sent = [
         each
         for i in range(3)
         for each in (
-            ("/points", bags.CLOUD, 0.2 * i, messages.cloud(np.tile([2.0, 0.1, 0.0], (200, 1)))),
+            ("/points", bags.CLOUD, 0.2 * i, messages.cloud(around)),
             ("/cmd_vel", bags.TWIST_STAMPED, 0.2 * i + 0.05, messages.twist_stamped(0.3, 0.1)),
         )
     ]

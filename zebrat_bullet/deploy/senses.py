@@ -68,7 +68,7 @@ def cloud_of(
         raise SensorError(
             f"an eighth of the turn about the lidar holds {fewest} returns, at least {least_sector_points} are needed, "
             "of walls or floor; look whether the lidar is covered on a side or its driver sends parts of a turn; where "
-            "it cannot see the floor, allow it (Limits.least_sector_points)"
+            "it cannot see the floor, allow it (least_sector_points 0)"
         )
     return PointCloud(points, valid, rotation, float(height_m))
 
