@@ -59,10 +59,17 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_leaves_a_folder_like_any_other(finished: Path):
     names = {path.name for path in finished.iterdir()}
     assert {"config.json", "versions.json", "episodes.csv", "evaluations.csv", "summary.json"} <= names
+    # Nothing is judged twice, the end neither.
+    assert [int(row["total_steps"]) for row in evaluations(finished)] == [2 * STEPS, 4 * STEPS, 6 * STEPS]
     summary = json.loads((finished / "summary.json").read_text())
     # Whole rollouts of 16 cars x 16 steps; the run ends at the first step after the sixth.
     assert summary["best"]["total_steps"] % STEPS in (0, 16)
     assert "warp-lang" in json.loads((finished / "versions.json").read_text())["versions"]
+
+
+def test_a_run_that_ends_between_two_evaluations_is_judged_at_its_end(tmp_path: Path):
+    train(replace(tiny(), steps=5 * STEPS), tmp_path / "run")
+    assert [int(row["total_steps"]) for row in evaluations(tmp_path / "run")] == [2 * STEPS, 4 * STEPS, 5 * STEPS]
 
 
 def test_a_killed_run_ends_in_the_same_weights(finished: Path, tmp_path: Path):

@@ -199,6 +199,12 @@ def test_the_supervisor_looks_as_far_ahead_as_a_slow_lidar_s_next_scan_and_the_l
     assert run.holds[-1] is run.since[-1] is None
 
 
+def test_simulated_time_that_jumps_is_no_way_that_was_driven(run):
+    _drives(run)
+    run.node._since_s(run.now_s)
+    assert run.node._since_s(run.now_s + 1.7e9) == 2.0 * WATCHDOG_S
+
+
 def _driven_m(run: Run) -> float:
     """Return how far straight commands have taken a car that does what it is told, until the last of them."""
     return sum(speed * (b - a) for (a, speed), (b, _) in zip(run.sent, run.sent[1:], strict=False))

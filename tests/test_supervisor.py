@@ -109,7 +109,14 @@ def test_a_command_that_holds_longer_is_followed_for_so_long() -> None:
 def test_a_time_that_is_none_stops_the_car(wrong: float) -> None:
     for times in ({"hold_s": wrong}, {"since_s": wrong}):
         decision = steady(AHEAD).check(AHEAD, walls(), 0.6, 0.0, **times)
-        assert decision.command.speed_mps == 0.0 and "finite and at least 0 s" in decision.refusal
+        assert decision.command.speed_mps == 0.0 and "since a check are in s from 0" in decision.refusal
+
+
+def test_a_clock_that_was_set_forward_costs_no_time() -> None:
+    """Of simulated time that begins in 1970 and is then told: each step of it would be driven."""
+    supervisor = steady(AHEAD)
+    assert not supervisor.check(AHEAD, scan_of((-5.0, 0.0)), 0.6, 0.0, 0.0, None, 1.7e9).refusal
+    assert supervisor.check(AHEAD, scan_of((-5.0, 0.0)), 0.6, 0.0, 0.0, 1.7e9).command.speed_mps == 0.0
 
 
 def test_a_wall_behind_does_not_stop_a_car_that_drives_ahead() -> None:

@@ -20,13 +20,12 @@ COLOURS: dict[str, str] = {"failed": "red", "running": "bold", "waiting": "dim",
 def sweep(arguments: argparse.Namespace) -> Result:
     """Train every combination of algorithms, rewards, worlds and seeds; what is finished is kept, the rest goes on."""
     from zebrat_bullet.training.sweep import open_sweep
-    from zebrat_bullet.training.sweep_local import run_locally
+    from zebrat_bullet.training.sweep_local import require_workers, run_locally
     from zebrat_bullet.training.sweep_ray import run_on_ray
 
     if arguments.retries < 0:
         raise ConfigError(f"retries must be at least 0, got {arguments.retries}")
-    if arguments.workers is not None and arguments.workers < 1:
-        raise ConfigError(f"a sweep takes at least 1 worker process, got {arguments.workers}")
+    require_workers(arguments.workers)
     folder = (arguments.out or Path("runs/sweep")).resolve()
     runs = open_sweep(_sweep_of(arguments, folder), folder)
     try:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.deploy.car import Car
 from zebrat_bullet.deploy.decision import Decision
-from zebrat_bullet.deploy.sweep import Outline, motion, scan_points
+from zebrat_bullet.deploy.sweep import Outline, apart, motion, scan_points
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.types import Command, FlatScan
 
@@ -17,8 +17,6 @@ STEERING_LAG_S = 0.08
 """Time constant of PyBullet's steering: each physics step of 1/120 s closes a tenth of its error."""
 INSIDE_M = 0.05
 """A return so far inside the outline is no wall that is touched: the lidar sees the car, or something lies on it."""
-SAME_WALL_M = 0.3
-"""Returns so near to one that is touched are of the same wall: a car that leaves it swings its corner along it."""
 _SAME_M = 1e-4
 _FASTEST = 3.0
 """A measured speed of more than so many times the car's greatest is none."""
@@ -128,10 +126,13 @@ class Supervisor:
         """
         hold_s, since_s = (self.control_step_s if each is None else each for each in (hold_s, since_s))
         timed = all(isinstance(each, float | int) and 0.0 <= each < math.inf for each in (hold_s, since_s))
-        self._advance(since_s if timed else self.control_step_s)
+        # Later than that it moves as it was told, however long ago.
+        self._advance(min(since_s, _LONGEST_BRAKING_S) if timed else self.control_step_s)
         wrong = self._wrong(command, scan, age_s, speed_mps, steering_rad)
-        if not timed:
-            wrong = f"times to and since a check are finite and at least 0 s, got {hold_s!r} and {since_s!r}"
+        if not timed or hold_s > _LONGEST_BRAKING_S:
+            wrong = (
+                f"times to (up to {_LONGEST_BRAKING_S:g}) and since a check are in s from 0, got {hold_s}, {since_s}"
+            )
         if speed_mps is not None and abs(speed_mps) <= _FASTEST * self.car.max_speed_mps:
             reckoned = self._speeds_mps[0]
             far_off = abs(speed_mps - reckoned) > 0.5 * self.car.max_speed_mps
@@ -208,7 +209,7 @@ class Supervisor:
         rooms = np.minimum(self._rooms(points, now, braked), self.margin_m)
         best = 0 if rooms[0].min() >= rooms[1].min() - _SAME_M else 1
         nearer = (least < rooms[best] - _SAME_M).any()
-        if not nearer and not self._touches_more(_apart(points, now), path, braked[best]):
+        if not nearer and not self._touches_more(apart(points, now), path, braked[best]):
             return Decision(command)
         return Decision(stops[best], self._reason(points, now, path) + self._advice(points, now, age_s, hold_s))
 
@@ -295,10 +296,3 @@ class Supervisor:
         ]
         self._steerings_rad = tuple(end[2] for end in ends)
         self._speeds_mps = [ends[0][1]]
-
-
-def _apart(points: NDArray[np.float64], gaps_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return those of (N, 2) points that are outside, of a wall of which no point is inside."""
-    inside, outside = points[gaps_m < 0.0], points[gaps_m >= 0.0]
-    near = np.hypot(*(outside[:, None] - inside).transpose(2, 0, 1)) <= SAME_WALL_M
-    return outside[~near.any(axis=1)]

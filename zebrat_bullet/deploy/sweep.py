@@ -19,6 +19,8 @@ APART_M, JOINED_M = 0.02, 0.1
 between them, for no car fits through."""
 _BETWEEN = np.array([0.25, 0.5, 0.75])[:, None, None]
 
+SAME_WALL_M = 0.3
+"""Returns so near to one that is touched are of the same wall: a car that leaves it swings its corner along it."""
 Phase = tuple[float, Command]
 """How long in s a command holds."""
 
@@ -127,3 +129,10 @@ class Outline:
         for (nx, ny), offset in zip(self._normals, self._offsets, strict=True):
             np.maximum(gap, nx * x + ny * y - offset, out=gap)
         return gap
+
+
+def apart(points: NDArray[np.float64], gaps_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return those of (N, 2) points that are outside, of a wall of which no point is inside."""
+    inside, outside = points[gaps_m < 0.0], points[gaps_m >= 0.0]
+    near = np.hypot(*(outside[:, None] - inside).transpose(2, 0, 1)) <= SAME_WALL_M
+    return outside[~near.any(axis=1)]

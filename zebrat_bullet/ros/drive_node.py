@@ -132,7 +132,7 @@ class DriveNode:
         since_s, step_s = now_s - self._followed_s, self._driver.definition.control_step_s
         self._followed_s = now_s
         due = abs(since_s - step_s) <= _AS_DUE * step_s or not 0.0 <= since_s < math.inf
-        return None if due else since_s
+        return None if due else min(since_s, 2.0 * self._settings.watchdog_s)  # more: a clock was set
 
     def _hold_s(self) -> float | None:
         """Return how long a command may have to do until the next scan, None for a control step."""

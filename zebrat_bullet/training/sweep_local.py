@@ -26,6 +26,16 @@ from zebrat_bullet.training.sweep_run import (
 TICK_S = 1.0
 
 
+def require_workers(workers: int | None) -> None:
+    """Raise unless so many runs can be taken at a time.
+
+    Raises:
+        ConfigError: fewer than one was asked for.
+    """
+    if workers is not None and workers < 1:
+        raise ConfigError(f"a sweep takes at least 1 worker process, got {workers}")
+
+
 def run_locally(
     runs: Mapping[Path, TrainConfig],
     workers: int | None,
@@ -46,9 +56,8 @@ def run_locally(
         ConfigError: fewer than one worker was asked for.
     """
     cores = max(map(cores_of, runs.values()))
+    require_workers(workers)
     workers = max(len(os.sched_getaffinity(0)) // cores, 1) if workers is None else workers
-    if workers < 1:
-        raise ConfigError(f"a sweep takes at least 1 worker process, got {workers}")
     queue = deque(run for run in runs if not is_finished(run))
     deaths: Counter[Path] = Counter()
     working: dict[Path, subprocess.Popen[str]] = {}
