@@ -69,8 +69,8 @@ CLI_HEAD = """\
 # Command line
 
 `zebrat COMMAND --help` says the same. Results go to standard output, all else to standard error; the exit status is 0,
-1 after a part of the work, 2 after a mistake of the user's, 3 after one of ours, 130 after Ctrl-C. Written by `scripts/docs` from the
-parser.
+1 after a part of the work, 2 after a mistake of the user's, 3 after one of ours, 130 after Ctrl-C. Written by
+`scripts/docs` from the parser.
 """
 
 WORLDS_HEAD = """\

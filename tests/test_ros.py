@@ -333,6 +333,30 @@ def test_a_terminal_that_is_closed_ends_in_a_stop(processes, policy, probe):
     assert "at up to 0.6 m/s and 0.6 rad, supervised at 0.01 m" in said(driver)
 
 
+HANGING_BASE = """
+import rclpy
+from geometry_msgs.msg import TwistStamped
+rclpy.init()
+node = rclpy.create_node("base")
+node.create_subscription(TwistStamped, "cmd_vel", lambda message: print("heard", flush=True), 1)
+rclpy.spin(node)
+"""
+
+
+def test_the_last_stop_is_waited_for_until_it_is_acknowledged(processes, policy, probe):
+    """Else it may be lost: what is on its way when a publisher ends is not sent again."""
+    lidar, good = probe.publisher(PointCloud2, "points"), corridor()
+    base = processes.start("-c", HANGING_BASE)
+    driver = processes.drive(policy, sim_time=False)
+    heard = Path(f"{base.name}.out")
+    probe.until(lambda: _sent(lidar, lambda: cloud(good)) and "heard" in heard.read_text())
+    base.send_signal(signal.SIGSTOP)
+    driver.send_signal(signal.SIGTERM)
+    probe.until(lambda: probe.commands and probe.commands[-1][1] == 0.0)
+    answered(driver)
+    assert "the last stop on /cmd_vel was not acknowledged within 1 s" in said(driver)
+
+
 def test_the_car_s_own_braking_and_delay_reach_the_supervisor(processes, policy, monkeypatch):
     made = []
     monkeypatch.setattr("zebrat_bullet.ros.drive_node.DriveNode", lambda *given: made.append(given) or _stop_here())

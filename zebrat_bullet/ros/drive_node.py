@@ -12,6 +12,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan, PointCloud2
 
@@ -34,6 +35,8 @@ _ROUNDING_S = 1e-3
 _NUMBER = re.compile(r"[0-9.]+")
 _AS_DUE = 0.05
 """A scan that is off its time by less than this share of a control step is on it."""
+_LAST_WORD_S = 1.0
+"""So long the last command may take to be acknowledged before the node ends."""
 _GAPS = 5
 """So many waits for a scan say how long the next may be."""
 
@@ -239,8 +242,15 @@ class DriveNode:
             self._ackermanns.publish(ackermann_drive(command, stamp, frame))
 
     def end(self) -> dict[str, Any]:
-        """Tell the car to stop, and return what came of the run."""
+        """Tell the car to stop, wait until it has heard, and return what came of the run."""
         self._publish(self._stop())
+        # What is on its way when a publisher ends is not sent again: the car would hold the command before.
+        for publisher in (self._twists, self._ackermanns):
+            if publisher is not None and not publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD_S)):
+                self._node.get_logger().warning(
+                    f"the last stop on {publisher.topic_name} was not acknowledged within {_LAST_WORD_S:g} s: whoever "
+                    "listens may not have heard it"
+                )
         return {
             "scans": self.listener.n_heard,
             "commands": len(self.work_s),
