@@ -259,6 +259,6 @@ def test_settings_that_cannot_work_are_refused_before_anything_is_driven(demonst
 
 
 def test_settings_beside_resume_are_refused(tmp_path, capfd):
-    for more in (["--dagger", "3"], ["--expert", "oracle"], ["--set", "clone.epochs=1"]):
+    for more in (["--dagger", "3"], ["--expert", "oracle"], ["--set", "clone.epochs=1"], ["--demonstrations", "x"]):
         assert main(["imitate", "--resume", "--out", str(tmp_path), *more]) == 2
-        assert "--set, --dagger and --expert cannot change them" in capfd.readouterr().err
+        assert f"so {more[0]} cannot change them" in capfd.readouterr().err

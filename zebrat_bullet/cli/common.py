@@ -3,7 +3,7 @@
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -78,6 +78,36 @@ def name_robot(arguments: argparse.Namespace) -> None:
         arguments.robot = named_robot(arguments.robot, settings)
     elif settings:
         raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
+
+
+def changed(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
+    """Return those of the options that are not at their defaults, as they are written.
+
+    Args:
+        arguments: the options.
+        names: their names there: n_cars for --n-cars.
+    """
+    return [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name) != arguments.default_of(name)]
+
+
+def require_no_settings(arguments: argparse.Namespace, folder: Path, *naming: str) -> None:
+    """Refuse what would say how a run is to be, where it goes on as it was begun.
+
+    Args:
+        arguments: the options of a command that has --resume.
+        folder: of the run.
+        naming: options that name the folder where --out is left out.
+
+    Raises:
+        ConfigError: an option is there that could not be heeded.
+    """
+    heeded = {"run", "default_of", "command", "resume", "out", "json", "quiet", "debug"}
+    heeded.update(naming if arguments.out is None else ())
+    if given := changed(arguments, [name for name in vars(arguments) if name not in heeded]):
+        raise ConfigError(
+            f"--resume goes on with the settings in {folder}, so {', '.join(given)} cannot change them; leave that "
+            "out, or begin anew in another folder"
+        )
 
 
 def placed(arguments: argparse.Namespace, worlds: Sequence[str]) -> list[str]:

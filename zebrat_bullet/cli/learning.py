@@ -7,7 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.cli.common import TRACKS, AddCommand, Result, file_name, note, placed, progress_bar, task_of
+from zebrat_bullet.cli.common import (
+    TRACKS,
+    AddCommand,
+    Result,
+    file_name,
+    note,
+    placed,
+    progress_bar,
+    require_no_settings,
+    task_of,
+)
 from zebrat_bullet.cli.options import (
     noisy_options,
     place_options,
@@ -29,8 +39,7 @@ def train(arguments: argparse.Namespace) -> Result:
 
     folder = arguments.out or Path("runs") / _run_name(arguments)
     if arguments.resume:
-        if arguments.set or arguments.config or arguments.algo or arguments.worlds:
-            raise ConfigError("a resumed run keeps the settings that it was begun with: leave out all but --out")
+        require_no_settings(arguments, folder, "preset", "algo", "reward", "seed")
         run.require_run(folder)
     config = None if arguments.resume else _train_config(arguments)
     with claim(folder) as mine, progress_bar(arguments) as bar:
@@ -155,11 +164,7 @@ def imitate(arguments: argparse.Namespace) -> Result:
 
     folder = arguments.out or Path("runs") / f"imitate-seed{arguments.seed}"
     if arguments.resume:
-        if arguments.set or arguments.dagger is not None or arguments.expert:
-            raise ConfigError(
-                f"--resume goes on with the settings in {folder}, so --set, --dagger and --expert cannot change them; "
-                "leave them out, or begin anew in another folder"
-            )
+        require_no_settings(arguments, folder, "seed")
         run.resume_imitation(folder, lambda said: note(arguments, said))
     else:
         config = ImitationConfig(

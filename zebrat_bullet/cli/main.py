@@ -164,7 +164,7 @@ def make_parser() -> argparse.ArgumentParser:
         # Made anew: a command may change its defaults.
         all_of = (_common_options(), *((robot_options(),) if car else ()), *parents)
         made = commands.add_parser(run.__name__, parents=all_of, help=run.__doc__, description=run.__doc__)
-        made.set_defaults(run=run)
+        made.set_defaults(run=run, default_of=made.get_default)
         return made
 
     for commands_of_a_kind in (
