@@ -240,10 +240,46 @@ def test_an_agent_that_never_gets_out_demonstrates_nothing(tmp_path):
     task = replace(TASK, episode=EpisodeConfig(max_steps=2))
     with pytest.raises(ZebratError, match="failed in 20 episodes in a row"):
         demonstrate(load_agent("random", task), ["track_2"], 100, tmp_path / "x", task)
-    with pytest.raises(ConfigError, match="is not empty"):
-        demonstrate(load_agent("random", task), ["track_2"], 100, tmp_path / "x", task)
     with pytest.raises(ConfigError, match="holds no successful episode"):
         load_demonstrations(tmp_path / "x")
+
+
+def test_demonstrations_that_were_killed_go_on_and_no_two_sets_mix(demonstrations, tmp_path, monkeypatch):
+    killed = tmp_path / "killed"
+    shutil.copytree(demonstrations, killed)
+    (*_, last) = sorted(killed.rglob("*.npz"))
+    whole = load_record(last)
+    last.unlink()
+    driven = []
+    monkeypatch.setattr(
+        "zebrat_bullet.imitation.demonstrations.run_episode",
+        lambda *given: driven.append(given) or run_episode(*given),
+    )
+    done = demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1000, killed, TASK)
+    assert len(driven) == 1 and np.array_equal(load_record(last).pose, whole.pose)
+    assert done == demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1000, demonstrations, TASK) and len(driven) == 1
+    for name, other in {"seed": {"seed": 1}, "compact": {"compact": True}, "worlds": {"worlds": ["real_1"]}}.items():
+        given = {"worlds": ["track_2"], "seed": 0, "compact": False} | other
+        with pytest.raises(ConfigError, match=f"made with another {name}; name a new folder"):
+            demonstrate(load_agent(DRIVER, TASK), given["worlds"], 1, killed, TASK, given["seed"], given["compact"])
+    slower = replace(TASK, physics=replace(TASK.physics, max_speed_mps=0.5))
+    with pytest.raises(ConfigError, match="another agent, task"):
+        demonstrate(load_agent("oracle", slower), ["track_2"], 1, killed, slower)
+    with pytest.raises(ConfigError, match="track_2 is named twice"):
+        demonstrate(load_agent(DRIVER, TASK), ["track_2", "track_2"], 1, tmp_path / "twice", TASK)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").touch()
+    with pytest.raises(ConfigError, match="is not empty; name a new folder"):
+        demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1, tmp_path / "mine", TASK)
+    with pytest.raises(ConfigError, match="is one record; name the folder that it lies in"):
+        load_demonstrations(last)
+
+
+def test_a_policy_demonstrates_in_the_task_that_it_was_trained_on(tmp_path, capfd):
+    options = ["--worlds", "real_1", "--pairs", "1", "--caster", "embree", "--out", str(tmp_path / "out")]
+    assert main(["demonstrate", "--agent", "allround", *options]) == 0
+    assert "allround drives in the task that it was trained on: task.region.resolution_m=0.03" in capfd.readouterr().err
+    assert load_demonstrations(tmp_path / "out")[0].task.region.resolution_m == 0.03
 
 
 def test_settings_that_cannot_work_are_refused_before_anything_is_driven(demonstrations, tmp_path):

@@ -14,7 +14,7 @@ from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError, PlanError, ZebratError
 from zebrat_bullet.evaluation.planar_policy import cars_for
-from zebrat_bullet.imitation import places
+from zebrat_bullet.imitation import places, planar_demonstrations
 from zebrat_bullet.imitation.cloning import CloneConfig
 from zebrat_bullet.imitation.demonstration import read_demonstrations, save_demonstrations
 from zebrat_bullet.imitation.demonstrations import load_demonstrations
@@ -49,6 +49,29 @@ def test_undisturbed_the_oracle_drives_what_it_labels_and_the_file_holds_it_as_i
     again = drive_seeds(HOW, range(6)).demonstrations
     for a, b in zip(found, again, strict=True):
         assert np.array_equal(a.obs_m, b.obs_m) and np.array_equal(a.labels, b.labels)
+
+
+def test_what_was_killed_goes_on_and_more_tracks_join(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(planar_demonstrations, "TRACKS_ABREAST", 2)
+    whole, killed, driven = tmp_path / "whole", tmp_path / "killed", []
+
+    def drive(how, seeds):
+        driven.append(seeds)
+        return drive_seeds(how, seeds)
+
+    monkeypatch.setattr(planar_demonstrations, "drive_seeds", drive)
+    done = demonstrate_generated(HOW, 6, whole)
+    assert demonstrate_generated(HOW, 3, killed)["tracks"] == 3
+    driven.clear()
+    assert demonstrate_generated(HOW, 6, killed) == done
+    assert driven == [range(2, 4), range(4, 6)]
+    for path in whole.glob("*.npz"):
+        assert path.read_bytes() == (killed / path.name).read_bytes()
+    with pytest.raises(ConfigError, match="made with another families, episodes; name a new folder"):
+        demonstrate_generated(replace(HOW, families=("corners",), episodes=2), 6, killed)
+    (killed / "tracks.csv").write_text((killed / "tracks.csv").read_text().replace("\n0,2,", "\nx,2,"))
+    with pytest.raises(ZebratError, match=r"tracks\.csv: is no table of tracks"):
+        demonstrate_generated(HOW, 6, killed)
 
 
 def test_what_is_seen_first_is_what_a_planar_car_sees_at_the_first_start_of_the_track(folder):
@@ -163,7 +186,7 @@ def test_tracks_that_choose_or_judge_are_not_demonstrated_on(tmp_path):
     [
         (["--sim", "planar"], "give it, or leave --sim out"),
         (["--sim", "bullet", "--generated", "2"], "planar cars drive generated tracks, got --sim bullet"),
-        (["--generated", "2", "--pairs", "100"], "--pairs, --human-noise"),
+        (["--generated", "2", "--pairs", "100", "--compact"], "--pairs, --compact goes with --worlds"),
         (["--generated", "2", "--agent", "shipped"], "'shipped' is another"),
     ],
 )

@@ -9,15 +9,18 @@ from pathlib import Path
 import pytest
 
 from zebrat_bullet.agents.policy import load_policy, save_policy
+from zebrat_bullet.assets import find_asset
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import DisturbanceConfig, DynamicsConfig, LidarConfig, TaskConfig
-from zebrat_bullet.errors import AssetError, ConfigError, PlanError
+from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.axes import AXES, AXIS_NAMES, disturbed, everything_but, nominal_of, parse_axes
-from zebrat_bullet.evaluation.claim import claim_folder
+from zebrat_bullet.evaluation.claim import claim_folder, geometry
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.robustness import COLUMNS, RobustnessRow, RobustnessStudy, read_table, run_study
 from zebrat_bullet.evaluation.rollout import drive_episodes
+from zebrat_bullet.notes import Note
 from zebrat_bullet.report.robustness import draw_robustness, everything_table, robustness_table, summarise
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import load_world
 
 TASK = TaskConfig(lidar=LidarConfig(caster="embree"))
@@ -154,8 +157,9 @@ def test_a_run_folder_is_judged_and_a_supervised_driver_beside_the_bare_one(tmp_
 def test_a_planner_that_finds_no_plan_from_where_it_believes_to_be_stands(tmp_path: Path) -> None:
     lost = replace(TASK, disturbance=DisturbanceConfig(pose_sigma_m=1.0))
     # Twice it believes to stand in a wall.
-    with pytest.raises(PlanError, match="no place the car's centre may be"):
-        next(drive_episodes("dwa", lost, load_world("real_1"), 0, [1]))
+    with pytest.warns(Note, match="dwa stands: the start .* no place the car's centre may be"):
+        record = next(drive_episodes("dwa", lost, load_world("real_1"), 0, [1]))
+    assert record.outcome == "stall" and not record.command.any()
     study = replace(STUDY, agents=("dwa",), axes={"mass": (1.0,)}, task=lost)
     assert [(at.episodes, at.stall) for at in run_study(study, tmp_path)] == [(2, 2)]
 
@@ -229,6 +233,49 @@ def test_a_folder_from_before_a_setting_came_is_gone_on_with(tmp_path: Path) -> 
     path.write_text("[]")
     with pytest.raises(ConfigError, match="holds no settings of a study"):
         claim_folder(tmp_path, "rows", TASK, seed=0)
+
+
+def test_an_own_driver_or_world_that_was_edited_is_another(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        """
+from zebrat_bullet.types import Command
+
+
+class Stands:
+    name, privileged = "stands", frozenset()
+
+    def __init__(self, task): ...
+
+    def reset(self, seed): ...
+
+    def act(self, reading):
+        return Command(0.0, 0.0)
+"""
+    )
+    place = tmp_path / "place.yaml"
+    place.write_text(find_asset("worlds", "real_1", ".yaml").read_text())
+    agent = f"{tmp_path / 'mine.py'}:Stands"
+    study = replace(STUDY, agents=(agent,), axes={"mass": (1.0,)}, worlds=(str(place),), episodes=1)
+    assert [row.stall for row in run_study(study, tmp_path / "out")] == [1]
+    with (tmp_path / "mine.py").open("a") as file:
+        file.write("# the same, edited\n")
+    rows = run_study(study, tmp_path / "out")
+    assert len(rows) == 2 and len({row.weights for row in rows}) == 2 and all(len(row.weights) == 8 for row in rows)
+    place.write_text(place.read_text().replace("straight: 4.4, width: 1.4", "straight: 4.4, width: 1.5"))
+    with pytest.raises(ConfigError, match=r"another .*place\.yaml; name another --out"):
+        run_study(study, tmp_path / "out")
+    longer = replace(load_robot("zebrat"), wheelbase_m=0.5)
+    with pytest.raises(ConfigError, match="another car; name another --out"):
+        claim_folder(tmp_path / "out", "episodes", TASK, geometry(longer), seed=0)
+
+
+def test_a_damaged_table_is_refused_by_line(tmp_path: Path) -> None:
+    log = CsvLog(tmp_path / "robustness.csv", COLUMNS)
+    log.append(asdict(row("mass", 1.0, 1)))
+    path = tmp_path / "robustness.csv"
+    path.write_text(path.read_text().replace(",1.0,", ",x,"))
+    with pytest.raises(ZebratError, match=r"robustness\.csv: line 2 is none of its rows"):
+        read_table(tmp_path)
 
 
 @pytest.mark.parametrize(

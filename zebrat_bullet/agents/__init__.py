@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
-from zebrat_bullet.agents.own import load_own
+from zebrat_bullet.agents.own import OwnAgent, load_own
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig
@@ -16,7 +16,7 @@ from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
-__all__ = ["PRIVILEGES", "Agent", "load_agent", "trained_task"]
+__all__ = ["PRIVILEGES", "Agent", "code_or_weights", "load_agent", "trained_task"]
 
 _CODE = ".py"
 Factory = Callable[[TaskConfig, Sequence[str]], Agent]
@@ -61,9 +61,19 @@ def trained_task(name_or_path: str) -> TaskConfig | None:
     return None if task is None else from_json(TaskConfig, json.dumps(task))
 
 
+def code_or_weights(agent: Agent) -> str:
+    """Return what tells an agent from another of its name: the first 8 digits of a SHA-256, "" where the name says all.
+
+    Of a policy's weights, of the file of one's own driver.
+    """
+    return agent.digest if isinstance(agent, PolicyAgent | OwnAgent) else ""
+
+
 def _load(name_or_path: str, task: TaskConfig) -> Agent:
-    name, _, settings = name_or_path.partition(":")
+    name, colon, settings = name_or_path.partition(":")
     if name in FACTORIES:
+        if colon and not settings:
+            raise ConfigError(f"no setting stands behind {shown(name_or_path)}; write {name}, or {name}:KEY=VALUE")
         agent = FACTORIES[name](task, settings.split(",") if settings else [])
         agent.name = name_or_path
         return agent
@@ -78,7 +88,13 @@ def _load_policy(name_or_path: str) -> PolicyAgent:
     try:
         return load_policy(name_or_path)
     except AssetError as error:
-        known = ", ".join([*FACTORIES, *list_assets("policies", ".safetensors")])
+        shipped = list_assets("policies", ".safetensors")
+        name = name_or_path.partition(":")[0]
+        if name in shipped:
+            raise ConfigError(
+                f"the policy {name!r} has no settings, got {shown(name_or_path)}; write {name}"
+            ) from error
+        known = ", ".join([*FACTORIES, *shipped])
         raise AssetError(
             f"no agent {shown(name_or_path)!r}: name one of {known}, a .safetensors policy, a training run folder, or "
             "a driver of your own, FILE.py:NAME"

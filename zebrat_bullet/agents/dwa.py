@@ -1,11 +1,14 @@
 """DWA as an agent: a global plan over the map, and the dynamic window that follows it."""
 
+import warnings
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
+from zebrat_bullet.notes import Note
 from zebrat_bullet.planning.dwa import DwaConfig, DwaPlanner
 from zebrat_bullet.planning.global_plan import plan
 from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
@@ -20,7 +23,7 @@ class DwaAgent:
     """move_base with dwa_local_planner: planned once an episode (planner_frequency 0), and again when DWA finds no way.
 
     Where it finds none, the car stands: move_base's recoveries are clearing what the costmap has far from the car, and
-    turning on the spot, which no car can.
+    turning on the spot, which no car can. Where there is no plan from the start on, it stands too, with a `Note` why.
 
     Args:
         config: settings.
@@ -43,16 +46,13 @@ class DwaAgent:
         if self._costmap is not None:
             self._costmap.forget()
         self._planned_from: NDArray[np.float64] | None = None
+        self._stands = False
 
     def act(self, reading: Reading) -> Command:
-        """Return the command of the cheapest rollout; stop at the goal and where there is none.
-
-        Raises:
-            PlanError: no way leads from the start of the episode to the goal.
-        """
+        """Return the command of the cheapest rollout; stop at the goal and where there is none."""
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
         at = np.array([reading.state.pose.x, reading.state.pose.y])
-        if np.linalg.norm(reading.goal_world - at) <= self.config.xy_goal_tolerance_m:
+        if self._stands or np.linalg.norm(reading.goal_world - at) <= self.config.xy_goal_tolerance_m:
             return _STOP
         if reading.walls is not self._walls:
             self._walls = reading.walls
@@ -63,7 +63,12 @@ class DwaAgent:
         if self._costmap is not None:
             self._dwa.see(self._costmap.see(reading.scan, reading.state.pose))
         if self._planned_from is None:
-            self._plan(at, reading.goal_world)
+            try:
+                self._plan(at, reading.goal_world)
+            except PlanError as error:
+                warnings.warn(f"{self.name} stands: {error}", Note, stacklevel=2)
+                self._stands = True
+                return _STOP
         command = self._dwa.command(reading.state)
         if command is None and np.linalg.norm(at - self._planned_from) > self.config.resolution_m:
             self._replan(at, reading.goal_world)

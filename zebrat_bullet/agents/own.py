@@ -25,6 +25,9 @@ class OwnAgent:
     Args:
         agent: what decides.
         path: the file.
+
+    Attributes:
+        digest: first digits of the file's SHA-256: one that was edited is another driver.
     """
 
     def __init__(self, agent: Agent, path: Path) -> None:
@@ -40,6 +43,7 @@ class OwnAgent:
                 "empty for none"
             )
         self.name, self.privileged = str(name), frozenset(privileged)
+        self.digest = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
 
     def reset(self, seed: int) -> None:
         """Reset the agent.

@@ -61,7 +61,7 @@ class PolicyAgent:
         self._observer = Observer(observation)
 
     @property
-    def weights_digest(self) -> str:
+    def digest(self) -> str:
         """First digits of the SHA-256 of its weights: a policy that learned on is another."""
         arrays = (array for layer in self.layers for array in layer)
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]

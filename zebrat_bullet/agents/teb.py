@@ -1,6 +1,7 @@
 """TEB as an agent: a global plan over the inflated map, and a timed elastic band that follows it at every reading."""
 
 import contextlib
+import warnings
 
 import numpy as np
 import shapely
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
+from zebrat_bullet.notes import Note
 from zebrat_bullet.planning.arc_path import axle_pose
 from zebrat_bullet.planning.global_plan import plan
 from zebrat_bullet.planning.grid import OccupancyGrid, inscribed_radius_m
@@ -42,23 +44,25 @@ class TebAgent:
         if self._costmap is not None:
             self._costmap.forget()
         self.planner: TebPlanner | None = None
+        self._stands = False
 
     def act(self, reading: Reading) -> Command:
-        """Return the command of the band.
-
-        Raises:
-            PlanError: no way leads from the start of the episode to the goal.
-        """
+        """Return the command of the band; stop at the goal, and, noted, where an episode begins without a way."""
         assert reading.state is not None and reading.walls is not None and reading.goal_world is not None
         here, goal = axle_pose(reading.state.pose, self._robot)[:2], reading.goal_world
-        if np.hypot(*(goal - here)) <= self._config.xy_goal_tolerance_m:
+        if self._stands or np.hypot(*(goal - here)) <= self._config.xy_goal_tolerance_m:
             return Command(0.0, 0.0)
         if reading.walls is not self._walls:
             self._walls = reading.walls
             self._grid = OccupancyGrid.of_walls(reading.walls, also_inside=[here, goal])
         if self.planner is None:
             self.planner = TebPlanner(self._config, self._robot, self._task.physics, reading.walls)
-            self.path = self._global_plan(here, goal)
+            try:
+                self.path = self._global_plan(here, goal)
+            except PlanError as error:
+                warnings.warn(f"{self.name} stands: {error}", Note, stacklevel=2)
+                self._stands = True
+                return Command(0.0, 0.0)
         elif self.path.distance_to(here) > self._config.global_plan_prune_distance_m:
             with contextlib.suppress(PlanError):  # where no way is found from here, the old plan must do
                 self.path = self._global_plan(here, goal)

@@ -3,7 +3,8 @@
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -230,6 +231,16 @@ def note(arguments: argparse.Namespace, message: str) -> None:
     """Say something on standard error, unless --quiet."""
     if not arguments.quiet:
         print(message, file=sys.stderr)
+
+
+@contextmanager
+def told_when_stopped(arguments: argparse.Namespace, message: str) -> Iterator[None]:
+    """Say on standard error what is left of the work in this block, should Ctrl-C end it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        note(arguments, message)
+        raise
 
 
 def progress_bar(arguments: argparse.Namespace) -> "Progress":

@@ -9,12 +9,14 @@ from zebrat_bullet.cli.common import (
     TRACKS,
     AddCommand,
     Result,
+    changed,
     file_name,
     file_names,
     of_engine,
     own_task_of,
     placed,
     progress_bar,
+    told_when_stopped,
 )
 from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
 from zebrat_bullet.cli.options import (
@@ -35,12 +37,13 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 
 if TYPE_CHECKING:
+    from zebrat_bullet.evaluation.judge import Judgement
     from zebrat_bullet.evaluation.metrics import Score
 
 
 def evaluate(arguments: argparse.Namespace) -> Result:
     """Judge one agent or several; write every episode's record, the scores and the tables."""
-    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.evaluation.judge import require_drivable
     from zebrat_bullet.report.tables import comparison_table
 
     _sort_set(arguments)
@@ -49,6 +52,10 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
         raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
     planar_drives = bool(arguments.generated or arguments.set)
+    if planar_drives and changed(arguments, ["worlds"]):
+        raise ConfigError("--worlds, --set and --generated each say what to drive; give one of them")
+    if arguments.tracks is not None and not arguments.set:
+        raise ConfigError("--tracks goes with --set NAME, of which it takes so many; leave it out")
     if arguments.sim == "planar" and not planar_drives:
         raise ConfigError(
             "--sim planar: planar cars drive --set NAME or --generated N, not --worlds; give one of these, or --sim "
@@ -62,53 +69,62 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
         out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
-        scores, table = _evaluate_one(arguments, agent, out, own_task_of(arguments, agent))
+        what = _judgement(arguments, agent, out)
+        require_drivable(what)
+        scores, table = _evaluate_one(arguments, what, out)
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
-    tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
-    for agent, task in tasks.items():
-        load_agent(agent, task)  # a wrong name is told before hours of driving
     out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
     names = file_names(arguments.agent)
-    every = {agent: _evaluate_one(arguments, agent, out / names[agent], task)[0] for agent, task in tasks.items()}
-    table = comparison_table(every, all(_certified(arguments, task) for task in tasks.values()))
+    judgements = {agent: _judgement(arguments, agent, out / names[agent]) for agent in arguments.agent}
+    for what in judgements.values():
+        require_drivable(what)  # before hours of driving
+    every = {agent: _evaluate_one(arguments, what, out / names[agent])[0] for agent, what in judgements.items()}
+    table = comparison_table(every, all(_certified(arguments, what.task) for what in judgements.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
     (out / "comparison.json").write_text(json.dumps(result, indent=2))
     (out / "comparison.md").write_text(table + "\n")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
 
 
-def _evaluate_one(
-    arguments: argparse.Namespace, agent: str, out: Path, task: TaskConfig
-) -> "tuple[dict[str, Score], str]":
-    """Judge one agent, leave its records, scores and table in a folder, and return scores and table."""
-    from zebrat_bullet.evaluation.judge import Judgement, judge
-    from zebrat_bullet.report.tables import score_table
+def _judgement(arguments: argparse.Namespace, agent: str, out: Path) -> "Judgement":
+    from zebrat_bullet.evaluation.judge import Judgement
 
-    references = placed(arguments, arguments.worlds)
-    what = Judgement(
+    return Judgement(
         agent=agent,
-        worlds=tuple(references),
+        worlds=tuple(placed(arguments, arguments.worlds)),
         episodes=arguments.episodes,
         seed=arguments.seed,
         action_noise=arguments.action_noise,
         supervised_m=arguments.supervised,
         records=out / "records",
         workers=arguments.workers,
-        task=task,
+        task=own_task_of(arguments, agent),
     )
-    with progress_bar(arguments) as bar:
+
+
+def _evaluate_one(arguments: argparse.Namespace, what: "Judgement", out: Path) -> "tuple[dict[str, Score], str]":
+    """Judge one agent, leave its records, scores and table in a folder, and return scores and table."""
+    from zebrat_bullet.evaluation.judge import judge
+    from zebrat_bullet.report.tables import score_table
+
+    left = f"the episodes that were driven lie in {what.records}; they are not scored"
+    with told_when_stopped(arguments, left), progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(what.worlds) * what.episodes)
-        judged = judge(what, lambda world: bar.update(shown, advance=1, description=f"judging {agent}, {world}"))
-    scores = {world: judged[reference] for world, reference in zip(arguments.worlds, references, strict=True)}
-    table = score_table(scores, _certified(arguments, task))
+        judged = judge(what, lambda at: bar.update(shown, advance=1, description=f"judging {what.agent}, {at}"))
+    scores = {world: judged[reference] for world, reference in zip(arguments.worlds, what.worlds, strict=True)}
+    table = score_table(scores, _certified(arguments, what.task))
     (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
     (out / "table.md").write_text(table + "\n")
     return scores, table
 
 
 def _certified(arguments: argparse.Namespace, task: TaskConfig) -> bool:
-    """Return whether what is driven is what the shipped certificates are of."""
-    return task.robot == TaskConfig().robot and arguments.start is None
+    """Return whether car, limits and start are those that the shipped certificates are of."""
+
+    def certified(of: TaskConfig) -> tuple[object, ...]:
+        return of.robot, of.physics.max_speed_mps, of.physics.max_steering_rad, of.dynamics, of.episode.start
+
+    return certified(task) == certified(TaskConfig()) and arguments.start is None
 
 
 def replay(arguments: argparse.Namespace) -> Result:
@@ -206,7 +222,8 @@ def add(command: AddCommand) -> None:
     made = command(
         evaluate,
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
-        *(sim_option(), workers_option(), place_options(), supervised_option()),
+        sim_option("what drives: planar cars on --set and --generated (default there), PyBullet, or MuJoCo"),
+        *(workers_option(), place_options(), supervised_option()),
     )
     made.add_argument("--worlds", nargs="+", default=list(TRACKS), metavar="WORLD")
     made.add_argument(

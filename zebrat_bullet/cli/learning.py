@@ -11,12 +11,14 @@ from zebrat_bullet.cli.common import (
     TRACKS,
     AddCommand,
     Result,
+    changed,
     file_name,
     note,
     placed,
     progress_bar,
     require_no_settings,
     task_of,
+    told_when_stopped,
 )
 from zebrat_bullet.cli.options import (
     noisy_options,
@@ -95,19 +97,24 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     """Let an agent drive and record it as demonstrations to imitate; the oracle also on generated tracks."""
     from zebrat_bullet.agents import load_agent
     from zebrat_bullet.agents.human import HumanLikeAgent
+    from zebrat_bullet.evaluation.own_task import as_trained
     from zebrat_bullet.imitation.demonstrations import demonstrate
 
     if arguments.sim == "planar" and not arguments.generated:
         raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
     if arguments.generated:
         return _demonstrate_generated(arguments)
+    if given := changed(arguments, ["families", "episodes", "workers"]):
+        raise ConfigError(f"{', '.join(given)} goes with --generated N, not with --worlds; leave that out")
     pairs = 10_000 if arguments.pairs is None else arguments.pairs
-    task = task_of(arguments)
+    task, differing = as_trained(task_of(arguments), arguments.agent, own_robot=False)
+    if differing:
+        note(arguments, f"{arguments.agent} drives in the task that it was trained on: {', '.join(differing)}")
     out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     if arguments.human_noise:
         agent = HumanLikeAgent(agent, task.physics)
-    with progress_bar(arguments) as bar:
+    with told_when_stopped(arguments, f"the same command, with --out {out}, goes on"), progress_bar(arguments) as bar:
         shown = bar.add_task("pairs", total=pairs)
         done = demonstrate(
             agent,
@@ -129,10 +136,9 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
 
     if arguments.sim not in (None, "planar"):
         raise ConfigError(f"--generated: planar cars drive generated tracks, got --sim {arguments.sim}; leave it out")
-    if arguments.pairs or arguments.human_noise or arguments.start or arguments.goal or arguments.exit:
-        raise ConfigError(
-            "--pairs, --human-noise, --start, --goal and --exit go with --worlds, not with --generated; leave them out"
-        )
+    of_worlds = ["worlds", "pairs", "human_noise", "compact", "start", "goal", "exit"]
+    if given := changed(arguments, of_worlds):
+        raise ConfigError(f"{', '.join(given)} goes with --worlds, not with --generated; leave that out")
     arguments.sim = "planar"
     how = Demonstrating(
         agent=arguments.agent,
@@ -143,7 +149,7 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
         seed=arguments.seed,
     )
     out = arguments.out or Path("results/demonstrations") / f"generated-{file_name(arguments.agent)}"
-    with progress_bar(arguments) as bar:
+    with told_when_stopped(arguments, f"the same command, with --out {out}, goes on"), progress_bar(arguments) as bar:
         shown = bar.add_task("tracks", total=arguments.generated)
         done = demonstrate_generated(
             how,
@@ -235,7 +241,11 @@ def add(command: AddCommand) -> None:
 
     made = command(
         demonstrate,
-        *(task_options(), noisy_options(), reward_options(), place_options(), sim_option(), workers_option()),
+        *(task_options(), noisy_options(), reward_options(), place_options()),
+        *(
+            sim_option("what drives: PyBullet, or MuJoCo, in --worlds; planar cars on --generated tracks"),
+            workers_option(),
+        ),
     )
     made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
     made.add_argument(

@@ -6,11 +6,10 @@ import json
 import os
 import re
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from zebrat_bullet import __version__
 from zebrat_bullet.cli import (
@@ -36,8 +35,8 @@ from zebrat_bullet.cli.common import PartialResultError, Run, name_robot
 from zebrat_bullet.cli.options import robot_options, whole_number
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import shown
+from zebrat_bullet.notes import say_notes_in_a_line
 
-_python_format = warnings.formatwarning
 _WRITTEN = ("out", "map", "certify")
 """Options that name what is written."""
 _PART = re.compile(r".+\.part(\.\w+)?")
@@ -52,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
     arguments = make_parser().parse_args(argv)
     status = 0
-    warnings.formatwarning = _format_warning
+    say_notes_in_a_line()
     with _real_stdout() as stdout:
         try:
             if "robot" in arguments and arguments.run is not worlds.robots:  # that names its cars itself
@@ -135,13 +134,6 @@ def _real_stdout() -> Iterator[TextIO]:
         sys.stdout.flush()
         os.dup2(saved, 1)
         os.close(saved)
-
-
-def _format_warning(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
-    """Return a note on a world as one line, any other warning as Python does."""
-    if category.__name__ == "WorldNote":  # not imported: `zebrat --help` needs no worlds
-        return f"zebrat: note: {message}\n"
-    return _python_format(message, category, *where, **more)
 
 
 def _common_options() -> argparse.ArgumentParser:

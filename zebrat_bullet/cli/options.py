@@ -82,15 +82,12 @@ def agents_option(planar_only: bool = False) -> argparse.ArgumentParser:
     return made
 
 
-def sim_option() -> argparse.ArgumentParser:
+def sim_option(
+    help: str = "what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo",
+) -> argparse.ArgumentParser:
     """Return the option of the simulator where planar cars may drive too."""
     made = argparse.ArgumentParser(add_help=False)
-    made.add_argument(
-        "--sim",
-        choices=("planar", *ENGINES),
-        help="what drives: planar cars (default, policies alone), PyBullet, or the second engine, MuJoCo. `evaluate`: "
-        "planar cars drive only --set and --generated, PyBullet is the default in --worlds",
-    )
+    made.add_argument("--sim", choices=("planar", *ENGINES), help=help)
     return made
 
 

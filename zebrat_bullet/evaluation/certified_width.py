@@ -8,7 +8,7 @@ from pathlib import Path
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import PlanError
-from zebrat_bullet.evaluation.csv_log import CsvLog
+from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.planning.certify import certify
 from zebrat_bullet.robot import load_robot
@@ -77,10 +77,7 @@ def certify_widths(
 
 def read_certified(folder: Path) -> list[CertifiedRow]:
     """Return the rows of a folder's table of certificates."""
-    return [
-        CertifiedRow(**{f.name: f.type(row[f.name]) for f in fields(CertifiedRow)})  # type: ignore[operator]
-        for row in CsvLog(folder / "certified.csv", COLUMNS).rows()
-    ]
+    return list(read_as(CertifiedRow, folder / "certified.csv"))
 
 
 def bracket(rows: Sequence[CertifiedRow], shape: str) -> tuple[float | None, float | None]:

@@ -2,14 +2,16 @@
 
 import csv
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import MB, is_file, refusing, require_file
 
 _MOST_BYTES = 1000 * MB
+Row = TypeVar("Row")
 
 
 def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]:
@@ -30,6 +32,18 @@ def read_rows(path: Path, last_bytes: int | None = None) -> list[dict[str, str]]
             file.readline()  # begins within a row
         whole = [line.decode() for line in (header, *file) if line.endswith(b"\n")]
         return [row for row in csv.DictReader(whole) if None not in row and None not in row.values()]
+
+
+def read_as(kind: type[Row], path: Path) -> Iterator[Row]:
+    """Yield the whole rows of a table as instances of a dataclass whose fields are its columns.
+
+    Raises:
+        ZebratError: one is of another kind.
+    """
+    for number, row in enumerate(read_rows(path), 2):
+        with refusing(path, ZebratError, f"line {number} is none of its rows", "restore it, or move its folder away"):
+            made = kind(**{field.name: field.type(row[field.name]) for field in fields(kind)})  # type: ignore
+        yield made
 
 
 class CsvLog:

@@ -13,6 +13,7 @@ from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
+from zebrat_bullet.files import shown
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import World, WorldNote, load_world, require_winnable, world_labels
 
@@ -51,6 +52,7 @@ class Judgement:
         within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0), supervised_m=(0.0, 100.0))
         if not self.worlds:
             raise ConfigError("name at least one world")
+        require_each_once(self.worlds)
 
 
 def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: None) -> dict[str, Score]:
@@ -65,9 +67,7 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
     Raises:
         ZebratError: the agent or a world cannot be loaded, or not be won; nothing was driven then.
     """
-    agent, robot = load_agent(what.agent, what.task), load_robot(what.task.robot)
-    for world in what.worlds:
-        require_winnable_by(agent, load_world(world, robot=robot))
+    require_drivable(what)
     jobs = [
         (what, world, range(first, min(first + CHUNK, what.episodes)))
         for world in what.worlds
@@ -81,6 +81,27 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
             for _ in chunk:
                 on_episode(world)
     return {world: score(sorted(records[world], key=lambda r: r.episode)) for world in what.worlds}
+
+
+def require_drivable(what: Judgement) -> None:
+    """Refuse what cannot be judged, before anything is driven.
+
+    Raises:
+        ZebratError: the agent or a world cannot be loaded, or not be won.
+    """
+    agent, robot = load_agent(what.agent, what.task, what.action_noise), load_robot(what.task.robot)
+    for world in what.worlds:
+        require_winnable_by(agent, load_world(world, robot=robot))
+
+
+def require_each_once(worlds: Sequence[str]) -> None:
+    """Refuse a world that is named twice.
+
+    Raises:
+        ConfigError: one is.
+    """
+    if twice := [world for i, world in enumerate(worlds) if world in worlds[:i]]:
+        raise ConfigError(f"{shown(twice[0])} is named twice, and would be driven twice alike; name each world once")
 
 
 def require_winnable_by(agent: Agent, world: World) -> None:

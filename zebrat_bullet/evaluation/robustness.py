@@ -8,21 +8,21 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from zebrat_bullet.agents import Agent, load_agent
-from zebrat_bullet.agents.policy import PolicyAgent
+from zebrat_bullet.agents import Agent, code_or_weights, load_agent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.config_text import with_overrides
-from zebrat_bullet.errors import ConfigError, PlanError
+from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.axes import NOMINAL, disturbed, levels_of, nominal_of
-from zebrat_bullet.evaluation.claim import claim_folder
-from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.evaluation.judge import require_winnable_by
+from zebrat_bullet.evaluation.claim import claim_folder, geometry
+from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
+from zebrat_bullet.evaluation.judge import require_each_once, require_winnable_by
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
+from zebrat_bullet.notes import Note
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import Outcome
-from zebrat_bullet.world import World, WorldNote, load_world
+from zebrat_bullet.world import World, load_world
 
 CHUNK = 5
 """Episodes to a row: what a kill may lose."""
@@ -62,6 +62,7 @@ class RobustnessStudy:
         if not self.agents or not self.worlds or not self.axes or self.episodes < 1:
             raise ConfigError("name at least 1 agent, 1 axis, 1 world and 1 episode")
         within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), supervised_m=(0.0, 100.0))
+        require_each_once(self.worlds)
 
     def own_task(self, agent: str) -> TaskConfig:
         """Return the undisturbed task of an agent."""
@@ -75,7 +76,7 @@ class RobustnessRow:
 
     Attributes:
         agent: who drove.
-        weights: `PolicyAgent.weights_digest`; empty for other agents.
+        weights: `code_or_weights` of the agent.
         supervised: margin of the supervisor in m; empty where there was none.
         world: where.
         axis, level: what was disturbed how far, in the unit of the axis; "nominal" and 0: nothing.
@@ -115,12 +116,15 @@ def run_study(
         ConfigError: the folder's rows were driven under another task or seed.
         ZebratError: an agent or a world cannot be loaded, or a world not be won by an agent; nothing was driven then.
     """
+    _world.cache_clear()  # a file may have been edited since this process read it last
     own = {name: study.own_task(name) for name in study.agents}
     agents = {name: load_agent(name, own[name]) for name in study.agents}
     for agent in agents.values():
         for world in study.worlds:
             require_winnable_by(agent, _world(world, study.task.robot))
-    claim_folder(folder, "episodes", with_overrides(study.task, study.settings), seed=study.seed)
+    places = {world: _world(world, study.task.robot) for world in study.worlds}
+    driven_in = geometry(load_robot(study.task.robot), places)
+    claim_folder(folder, "episodes", with_overrides(study.task, study.settings), driven_in, seed=study.seed)
     log = CsvLog(folder / "robustness.csv", COLUMNS)
     there = _episodes_there(read_table(folder))
     rows = list(_rows(study, agents))
@@ -142,8 +146,7 @@ def read_table(folder: Path) -> list[RobustnessRow]:
     """Return the rows of a folder's table; episodes that two runs drove at once count once."""
     there: dict[tuple[object, ...], set[int]] = {}
     kept = []
-    for text in CsvLog(folder / "robustness.csv", COLUMNS).rows():
-        row = RobustnessRow(**{f.name: f.type(text[f.name]) for f in fields(RobustnessRow)})  # type: ignore[operator]
+    for row in read_as(RobustnessRow, folder / "robustness.csv"):
         known = there.setdefault(_key(row), set())
         if known.isdisjoint(_numbers(row)):
             known.update(_numbers(row))
@@ -159,7 +162,7 @@ def _rows(study: RobustnessStudy, agents: Mapping[str, Agent]) -> Iterator[Robus
     margin = "" if study.supervised_m is None else f"{study.supervised_m:g}"
     for axis, level in places:
         for name, agent in agents.items():
-            weights = agent.weights_digest if isinstance(agent, PolicyAgent) else ""
+            weights = code_or_weights(agent)
             for world in study.worlds:
                 yield RobustnessRow(
                     agent=name, weights=weights, supervised=margin, world=world, axis=axis, level=level,
@@ -199,21 +202,9 @@ def _world(reference: str, robot: str) -> World:
 
 def _drive(row: RobustnessRow, task: TaskConfig, seed: int) -> RobustnessRow:
     """Return a row with how its episodes ended."""
-    warnings.simplefilter("ignore", WorldNote)  # said once, before the work was spread
-    outcomes = list(_outcomes(row, task, seed))
+    warnings.simplefilter("ignore", Note)  # a world's were said before; where a planner has no plan its car stalls
+    world, margin_m = _world(row.world, task.robot), float(row.supervised) if row.supervised else None
+    records = drive_episodes(row.agent, task, world, seed, _numbers(row), supervised_m=margin_m)
+    outcomes = [Outcome(record.outcome) for record in records]
     endings: dict[str, Any] = {str(each): outcomes.count(each) for each in Outcome}
     return replace(row, **endings)
-
-
-def _outcomes(row: RobustnessRow, task: TaskConfig, seed: int) -> Iterator[Outcome]:
-    """Yield how each episode ended; where a planner finds no plan from where it believes to be, its car stands."""
-    left = list(_numbers(row))
-    world, margin_m = _world(row.world, task.robot), float(row.supervised) if row.supervised else None
-    while left:
-        try:
-            for record in drive_episodes(row.agent, task, world, seed, tuple(left), supervised_m=margin_m):
-                yield Outcome(record.outcome)
-                left.pop(0)
-        except PlanError:
-            yield Outcome.STALL
-            left.pop(0)

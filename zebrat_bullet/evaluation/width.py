@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zebrat_bullet.agents import Agent, load_agent
+from zebrat_bullet.agents import Agent, code_or_weights, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, with_engine, within
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.evaluation.claim import claim_folder
-from zebrat_bullet.evaluation.csv_log import CsvLog
+from zebrat_bullet.evaluation.claim import claim_folder, geometry
+from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
@@ -66,8 +66,7 @@ class WidthRow:
 
     Attributes:
         agent, sim: who drove, where.
-        weights: first digits of the SHA-256 of a policy's weights, so that a policy that learned on counts as another;
-            empty for other agents.
+        weights: `code_or_weights` of the agent, so that a policy that learned on counts as another.
         shape, sense, width_m: the passage.
         episodes: how many; success, collision, false_exit, timeout and stall add up to it.
     """
@@ -109,9 +108,9 @@ def run_study(
     own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
     task = with_engine(study.task, "bullet")  # the rows say what they were driven in
-    claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
-    log = CsvLog(folder / "width.csv", COLUMNS)
     robot = load_robot(study.task.robot)
+    claim_folder(folder, "widths", task, geometry(robot), seed=study.seed, action_noise=study.action_noise)
+    log = CsvLog(folder / "width.csv", COLUMNS)
     courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
     worlds = {
         (*course, width): passage(course[0], width, course[1], robot) for course in courses for width in study.widths_m
@@ -133,11 +132,7 @@ def run_study(
 
 def read_table(folder: Path) -> list[WidthRow]:
     """Return the rows of a folder's table; of those that were driven again, the last."""
-    rows = [
-        WidthRow(**{f.name: f.type(row[f.name]) for f in fields(WidthRow)})  # type: ignore[operator]
-        for row in CsvLog(folder / "width.csv", COLUMNS).rows()
-    ]
-    return list({_key(row): row for row in rows}.values())
+    return list({_key(row): row for row in read_as(WidthRow, folder / "width.csv")}.values())
 
 
 def pooled(rows: Sequence[WidthRow]) -> dict[float, tuple[float, float, float]]:
@@ -197,7 +192,7 @@ def _sim(study: WidthStudy, agent: Agent) -> str:
 
 
 def _blank(study: WidthStudy, name: str, agent: Agent) -> WidthRow:
-    weights = agent.weights_digest if isinstance(agent, PolicyAgent) else ""
+    weights = code_or_weights(agent)
     return WidthRow(
         agent=name, sim=_sim(study, agent), weights=weights, shape="", sense="", width_m=0.0,
         episodes=0, success=0, collision=0, false_exit=0, timeout=0, stall=0,

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from threadpoolctl import threadpool_limits
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.notes import say_notes_in_a_line
 from zebrat_bullet.processes import MOST_WORKERS, end_with_parent
 
 
@@ -34,4 +35,5 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
 
 def _begin() -> None:
     end_with_parent()
+    say_notes_in_a_line()
     threadpool_limits(1)  # a process a core already: threads within would only fight for them

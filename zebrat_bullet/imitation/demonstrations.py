@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.agents import Agent
+from zebrat_bullet.agents import Agent, code_or_weights
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.evaluation.judge import record_path
+from zebrat_bullet.evaluation.judge import record_path, require_each_once
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
-from zebrat_bullet.files import read_npy
+from zebrat_bullet.files import is_file, read_npy
+from zebrat_bullet.imitation.data_set import begin_or_go_on
 from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, read_demonstrations
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
@@ -57,11 +58,13 @@ def demonstrate(
 ) -> dict[str, int]:
     """Let an agent drive, world after world, until its successful episodes hold enough pairs; keep every record.
 
+    What a kill has left, and what a call for fewer pairs has made, is gone on with.
+
     Args:
         agent: the driver.
         worlds: world names or files, one episode in each, then the next in each.
         n_pairs: steps to reach; the last episode is driven to its end.
-        folder: where the records go; must be empty or absent.
+        folder: where the records go; empty, absent, or with the same agent's in the same worlds.
         task: the task driven.
         seed: of the start poses and the agent.
         compact: leave the scans out (`scan_m` then has no columns), which are five sixths of a record; imitation needs
@@ -72,24 +75,29 @@ def demonstrate(
         "pairs", "episodes" and "successes".
 
     Raises:
-        ConfigError: the folder holds something, or nothing was asked for.
+        ConfigError: the folder holds something else, or nothing was asked for, or a world twice.
         ZebratError: the agent does not succeed in 20 episodes in a row.
     """
     if n_pairs < 1 or not worlds:
         raise ConfigError(
             f"demonstrate at least 1 pair in at least one world, got {n_pairs} pairs, {len(worlds)} worlds"
         )
-    if folder.exists() and any(folder.iterdir()):
-        raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
+    require_each_once(worlds)
     loaded = judging_worlds(worlds, task)
+    begin_or_go_on(
+        folder, task, agent=[agent.name, code_or_weights(agent)], worlds=list(worlds), seed=seed, compact=compact
+    )
     drive = Drive(task, loaded[0])
     done = {"pairs": 0, "episodes": 0, "successes": 0}
     failures = 0
     while done["pairs"] < n_pairs:
         round_, i = divmod(done["episodes"], len(worlds))
-        record = run_episode(drive, agent, seed, round_, loaded[i])
-        kept = replace(record, scan_m=record.scan_m[:, :0]) if compact else record
-        save_record(kept, record_path(folder, worlds[i], round_, worlds))
+        path = record_path(folder, worlds[i], round_, worlds)
+        if is_file(path):
+            record = load_record(path)
+        else:
+            record = run_episode(drive, agent, seed, round_, loaded[i])
+            save_record(replace(record, scan_m=record.scan_m[:, :0]) if compact else record, path)
         success = record.outcome == "success"
         failures = 0 if success else failures + 1
         done["episodes"] += 1
@@ -120,6 +128,10 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
         ConfigError: there is nothing to imitate, or the episodes differ in what was observed or commanded.
         ZebratError: a file is not an episode record, or its labels do not fit it.
     """
+    if not folder.exists():
+        raise ConfigError(f"there is no {folder}; name the folder, or the .zip of one, that holds demonstrations")
+    if folder.suffix == ".npz":
+        raise ConfigError(f"{folder} is one record; name the folder that it lies in, {folder.parent}")
     with as_folder(folder) as place:
         found = list(_demonstrations(place))
     if not found:

@@ -4,7 +4,7 @@ A perfect drive shows no recoveries. So the car may be disturbed while the label
 noise (DART, Laskey et al. 2017), or by a learner that drives in its stead (DAgger, Ross et al. 2011).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,10 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.oracle import OracleAgent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, within
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.csv_log import CsvLog
+from zebrat_bullet.files import refusing
+from zebrat_bullet.imitation.data_set import begin_or_go_on
 from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, save_demonstrations
 from zebrat_bullet.imitation.labelled_drive import Disturbance, drive_labelled
 from zebrat_bullet.planar.drive import N_STARTS
@@ -27,6 +30,8 @@ from zebrat_bullet.world import FAMILIES, check_family, generate_tracks
 
 TRACKS_ABREAST = 64
 """Tracks that are driven together, and kept in one file."""
+_COLUMNS = ("first", "tracks", "pairs", *map(str, Outcome))
+"""Of `tracks.csv`, a row for each such file: its first seed, how many there are, what came of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +86,12 @@ def demonstrate_generated(
 ) -> dict[str, int]:
     """Let the oracle drive the generated tracks of the seeds from 0 on, and keep what is to be imitated.
 
-    The same settings give the same files, whatever `workers`.
+    The same settings give the same files, whatever `workers`; what a kill has left is gone on with.
 
     Args:
         how: who drives, where and how disturbed.
         n_tracks: so many tracks; a seed that has none is left out.
-        folder: where the files go; must be empty or absent.
+        folder: where the files go; empty, absent, or with those of the same `how`.
         workers: processes.
         on_pairs: told after each file how many tracks are driven and how many pairs kept.
 
@@ -94,22 +99,37 @@ def demonstrate_generated(
         "pairs", "tracks", and the number of episodes by outcome.
 
     Raises:
-        ConfigError: the folder holds something, or so many tracks there are not.
+        ConfigError: the folder holds something else, or so many tracks there are not.
     """
     if not 1 <= n_tracks <= VALIDATION_SEED:
         raise ConfigError(f"demonstrate on 1 to {VALIDATION_SEED} generated tracks, got {n_tracks}")
-    if folder.exists() and any(folder.iterdir()):
-        raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
-    done = {"pairs": 0, "tracks": 0} | dict.fromkeys(map(str, Outcome), 0)
-    batches = [range(first, min(first + TRACKS_ABREAST, n_tracks)) for first in range(0, n_tracks, TRACKS_ABREAST)]
-    for seeds, driven in zip(batches, in_order(partial(drive_seeds, how), batches, workers), strict=True):
+    settings = {name: getattr(how, name) for name in ("agent", "families", "episodes", "action_noise", "seed")}
+    begin_or_go_on(folder, how.task, **settings)
+    log = CsvLog(folder / "tracks.csv", _COLUMNS)
+    with refusing(folder / "tracks.csv", ZebratError, "is no table of tracks", "demonstrate anew in another folder"):
+        rows = [{name: int(row[name]) for name in _COLUMNS} for row in log.rows()]
+    there = {row["first"]: row for row in rows}
+    done = dict.fromkeys(_COLUMNS[1:], 0)
+
+    def count(row: Mapping[str, int]) -> None:
+        for name in done:
+            done[name] += row[name]
+        on_pairs(done["tracks"], done["pairs"])
+
+    missing = []
+    for first in range(0, n_tracks, TRACKS_ABREAST):
+        seeds = range(first, min(first + TRACKS_ABREAST, n_tracks))
+        if first in there and there[first]["tracks"] >= len(seeds):
+            count(there[first])
+        else:
+            missing.append(seeds)
+    for seeds, driven in zip(missing, in_order(partial(drive_seeds, how), missing, workers), strict=True):
         if driven.demonstrations:
             save_demonstrations(driven.demonstrations, folder / f"tracks-{seeds[0]:06d}{SUFFIX}")
-        for outcome in driven.outcomes:
-            done[outcome] += 1
-        done["pairs"] += driven.n_pairs
-        done["tracks"] += len(seeds)
-        on_pairs(done["tracks"], done["pairs"])
+        ended = {str(outcome): driven.outcomes.count(outcome) for outcome in Outcome}
+        row = {"first": seeds[0], "tracks": len(seeds), "pairs": driven.n_pairs, **ended}
+        log.append(row)
+        count(row)
     return done
 
 

@@ -14,6 +14,7 @@ import shapely.errors
 from zebrat_bullet.assets import asset_folder, find_asset
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.files import shown
+from zebrat_bullet.notes import Note
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
@@ -25,7 +26,7 @@ from zebrat_bullet.world.validate import check_closed, open_space_too_early, val
 from zebrat_bullet.world.world import World
 
 
-class WorldNote(UserWarning):
+class WorldNote(Note):
     """Says what was taken to be meant where a file of others leaves it open."""
 
 
