@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "zebrat_bullet"
 ORDER = [
     *(
         "errors",
+        "outputs",
         "files",
         "arrays",
         "types",

@@ -40,8 +40,8 @@ from zebrat_bullet.files import shown
 _python_format = warnings.formatwarning
 _WRITTEN = ("out", "map", "certify")
 """Options that name what is written."""
-_PART = re.compile(r".+\.part(\.\w+)?")
-"""What a file is called until it is whole."""
+_PART = re.compile(r"\..+\.part")
+"""What a file is called until it is whole, see `outputs.written_whole`."""
 _NOT_WRITABLE = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
     errno.ENAMETOOLONG,
