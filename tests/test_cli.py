@@ -148,6 +148,15 @@ def test_every_option_that_goes_with_a_bag_is_refused_with_a_record():
     assert options - of_others == {"record", "bag", *BAG_OPTIONS}
 
 
+@pytest.mark.parametrize("sigma", ["-1", "nan", "101"])
+@pytest.mark.parametrize("command", ["video", "record", "demonstrate"])
+def test_noise_that_is_none_is_refused_by_its_name(command, sigma, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert main([command, "--agent", "random", "--action-noise", sigma, "--quiet"]) == 2
+    assert f"{command}: action_noise must be 0 to 100, got {float(sigma)}" in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("number", ["-1", "1.5", "9" * 19, "two"])
 @pytest.mark.parametrize(
     "command", [["ros", "sim", "--episode"], ["record", "--episode"], ["video", "--episode"], ["sets", "--seed"]]
