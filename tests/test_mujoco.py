@@ -346,6 +346,6 @@ def test_evaluate_drives_in_mujoco_and_the_record_says_so_and_replays(
 
 
 def test_an_env_of_this_engine_says_which_caster_goes_with_it() -> None:
-    with pytest.raises(ConfigError, match="got MuJoCo's; with that engine let lidar.caster be 'mujoco' or 'embree'"):
+    with pytest.raises(ConfigError, match=r"got MuJoCo's; with that engine let lidar.caster be 'mujoco' or 'embree'"):
         gymnasium.make("ZebraT/Track2-v0", task={"physics": {"engine": "mujoco"}})
     gymnasium.make("ZebraT/Track2-v0", task={"physics": {"engine": "mujoco"}}, caster="mujoco").close()

@@ -59,9 +59,9 @@ def write_mp4(path: Path, pictures: Iterable[NDArray[np.uint8]], fps: int, size:
 
 
 def _taken(pipe: IO[bytes], picture: NDArray[np.uint8] | None) -> bool:
-    """Write a picture, or close the pipe after the last; return whether the encoder is still there, else it says why."""
+    """Write a picture, or close the pipe after the last; return whether the encoder still takes them."""
     try:
-        pipe.close() if picture is None else pipe.write(picture)
+        pipe.close() if picture is None else pipe.write(picture.data)
     except BrokenPipeError:
         return False
     return True
