@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from zebrat_bullet.assets import find_asset
-from zebrat_bullet.cli.main import main
+from zebrat_bullet.cli.main import main, make_parser
+from zebrat_bullet.cli.recording import BAG_OPTIONS
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.training.sweep_run import claim
 
@@ -119,6 +120,8 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("worlds", "--generate", "0"), "at least 1 world"),
         (("worlds", "track_1", "--generate", "1"), "takes no names"),
         (("worlds", "--family", "boxes"), "add --generate N"),
+        (("worlds", "track_2", "--out", "x.png"), "--out x.png names the picture that --draw makes; add --draw"),
+        (("robots", "--out", "x.png"), "--out x.png names the picture that --draw makes; add --draw"),
         (("evaluate", "--agent", "nobody"), "no agent 'nobody': name one of"),
         (("evaluate", "--agent", "random", "--worlds", "nowhere"), "nowhere"),
         (("evaluate", "--agent", "random", "--episodes", "0"), "episodes must be at least 1"),
@@ -137,12 +140,28 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("ros", "sim", "--policy", "x"), "--policy is for `zebrat ros drive`"),
         (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
         (("replay", "/nonexistent/x.npz", "--robot", "long"), "a record is driven by its own car"),
+        (("replay", "x.npz", "--agent", "a", "--lidar-topic", "/b"), "--agent, --lidar-topic can only be heeded with"),
+        (("replay", "x.npz", "--tolerance", "1", "1", "--delay", "1"), "--delay, --tolerance can only be heeded with"),
     ],
 )
 def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):
     done = zebrat(*arguments, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_every_option_that_goes_with_a_bag_is_refused_with_a_record():
+    options, of_others = (vars(make_parser().parse_args([command])).keys() for command in ("replay", "robots"))
+    assert options - of_others == {"record", "bag", *BAG_OPTIONS}
+
+
+@pytest.mark.parametrize("sigma", ["-1", "nan", "101"])
+@pytest.mark.parametrize("command", ["video", "record", "demonstrate"])
+def test_noise_that_is_none_is_refused_by_its_name(command, sigma, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert main([command, "--agent", "random", "--action-noise", sigma, "--quiet"]) == 2
+    assert f"{command}: action_noise must be 0 to 100, got {float(sigma)}" in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("number", ["-1", "1.5", "9" * 19, "two"])
@@ -247,9 +266,8 @@ def test_what_cannot_be_written_is_told_as_the_users_to_mend(command, said, tmp_
         (FileNotFoundError(2, "No such file", "here/scores.json"), 3),  # we should have written it
         (PermissionError(13, "Permission denied", "/somewhere/else.json"), 3),
         (PermissionError(13, "Permission denied", "here/scores.json"), 2),
-        (PermissionError(13, "Permission denied", ".here.part"), 2),  # before it gets its name
-        (PermissionError(13, "Permission denied", ".here.part.mp4"), 2),
-        (PermissionError(13, "Permission denied", ".other.part"), 3),
+        (PermissionError(13, "Permission denied", ".here.0a1b2c3d.part"), 2),  # before it gets its name
+        (PermissionError(13, "Permission denied", ".other.0a1b2c3d.part"), 3),
         (PermissionError(13, "Permission denied", "here.yaml"), 3),
         (FileNotFoundError(2, "No such file", "here.part"), 3),
         (OSError(28, "No space left on device"), 2),

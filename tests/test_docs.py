@@ -12,6 +12,8 @@ from types import ModuleType
 import pytest
 
 from zebrat_bullet.cli.main import main, make_parser
+from zebrat_bullet.config import REWARD_PRESETS
+from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.task.rewards import TERMS
 
@@ -114,6 +116,14 @@ def test_the_reference_pages_are_what_the_program_says(name: str) -> None:
 
 def test_every_setting_has_a_meaning() -> None:
     assert not re.findall(r"^\| `.*\|\s*\|$", (DOCS / "settings.md").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", ["environment", "your_own_reward", "train", "cli"])
+def test_every_reward_is_named_where_rewards_are(page: str) -> None:
+    text = (DOCS / f"{page}.md").read_text()
+    assert not [name for name in REWARD_PRESETS if not re.search(rf"\b{name}\b", text)]
+    assert f"| {' '.join(REWARD_PRESETS)}, or own: the preset's" in text or page != "cli"
+    assert all(f'"{name}"' in str(ZebratEnv.__doc__) for name in REWARD_PRESETS)
 
 
 def test_every_page_is_in_the_navigation() -> None:

@@ -12,6 +12,7 @@ ORDER = [
     *(
         "errors",
         "notes",
+        "outputs",
         "files",
         "arrays",
         "types",

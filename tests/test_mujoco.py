@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 import shapely
@@ -342,3 +343,9 @@ def test_evaluate_drives_in_mujoco_and_the_record_says_so_and_replays(
     assert elsewhere.engine == "bullet"
     assert main([*common, "--generated", "1", "--out", str(tmp_path / "g")]) == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["causes"]["timeout"] == 1
+
+
+def test_an_env_of_this_engine_says_which_caster_goes_with_it() -> None:
+    with pytest.raises(ConfigError, match=r"got MuJoCo's; with that engine let lidar.caster be 'mujoco' or 'embree'"):
+        gymnasium.make("ZebraT/Track2-v0", task={"physics": {"engine": "mujoco"}})
+    gymnasium.make("ZebraT/Track2-v0", task={"physics": {"engine": "mujoco"}}, caster="mujoco").close()

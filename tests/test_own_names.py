@@ -82,6 +82,28 @@ def test_a_reference_reads_as_it_is_written() -> None:
             load_world(wrong)
 
 
+@pytest.mark.parametrize(
+    ("behind", "wrong"),
+    [
+        ("start=1.5,0,0:gola=5,0", "'gola=5,0'"),
+        ("goal=7,0:foo", "'foo'"),
+        ("goal=7,0:exit", "'exit'"),
+        ("goal=7,0:", "''"),
+        ("start=1.5,0,0:start=2,0,0", "'start=2,0,0' again"),
+    ],
+)
+def test_what_is_said_of_a_world_besides_its_places_is_refused(behind: str, wrong: str) -> None:
+    with pytest.raises(WorldError, match=f"is start=, goal= and exit=, each once, got {wrong}; correct it"):
+        parse_reference(f"my_track.yaml:{behind}")
+
+
+@pytest.mark.parametrize("name", ["a:b.yaml", "C:/maps/a.yaml", "gola=5,0:a.yaml"])
+def test_a_worlds_name_may_have_colons(name: str) -> None:
+    assert parse_reference(name).name == name
+    reference = parse_reference(f"{name}:goal=3,4:start=1,2,3")
+    assert (reference.name, reference.goal, reference.start) == (name, (3.0, 4.0), (1.0, 2.0, 3.0))
+
+
 def test_every_way_in_checks_a_world_with_the_car_that_drives_it(
     short: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,7 @@ import zebrat_bullet  # noqa: F401 (registers the ids)
 from zebrat_bullet.config import EpisodeConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 
 SHORT = TaskConfig(episode=EpisodeConfig(max_steps=20))
@@ -213,3 +213,12 @@ def test_sb3s_wrappers_and_ppo_learn_on_it() -> None:
     assert len(model.ep_info_buffer) > N and {"r", "l"} <= set(model.ep_info_buffer[0])
     assert vec.get_attr("num_envs") == [N] * N and vec.env_is_wrapped(VecMonitor) == [False] * N
     vec.close()
+
+
+def test_closed_cars_neither_begin_nor_drive() -> None:
+    env = env_of()
+    env.reset(seed=0)
+    env.close()
+    for use in (env.reset, lambda: env.step(actions(1)[0])):
+        with pytest.raises(EpisodeError, match="is closed; make a new one"):
+            use()

@@ -176,6 +176,13 @@ def test_nonsense_is_refused_and_serves_on(tab, stage_server):
     assert tab.post("/draw", drawing=RIGHT_ANGLE)[1]["world"] is not None
 
 
+@pytest.mark.parametrize("width", [-1, "nan", 1e308])
+def test_a_width_that_is_none_is_told_in_one_line(tab, width):
+    status, answer = tab.post("/fit", stroke=[[0, 0], [3, 0]], width=width)
+    assert status == 200 and answer["problem"]["text"].startswith("this is no drawing: widths.0: Input should be ")
+    assert "\n" not in answer["problem"]["text"] and "pydantic" not in answer["problem"]["text"]
+
+
 def test_only_the_tab_that_has_been_there_longest_draws_and_drives(tab, stage_server):
     other = Tab(stage_server)
     for path in ("/draw", "/open", "/clear", "/fit", "/drive", "/stop", "/cancel"):

@@ -10,6 +10,7 @@ import psutil
 import pytest
 from test_sweep import TINY, episodes, holder
 
+from zebrat_bullet.cli.main import main
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig
@@ -76,3 +77,18 @@ def test_a_cluster_that_is_not_there_is_said_so_at_once(tmp_path):
     with pytest.raises(ConfigError, match=r"no Ray cluster to use at '127\.0\.0\.1:1'"):
         run_on_ray({tmp_path / "run": TrainConfig()}, "127.0.0.1:1", retries=0)
     assert time.monotonic() - began < 20
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("nonsense", "no Ray cluster to use at 'nonsense': Invalid address format"),
+        ("127.0.0.1:99999", "port 99999 is impossible, there are 1 to 65535"),
+        ("ray://127.0.0.1:1", "no Ray cluster to use at 'ray://127.0.0.1:1'"),
+    ],
+)
+def test_a_sweep_without_its_cluster_writes_and_draws_nothing(address, said, tmp_path, capfd):
+    assert main(["sweep", "--ray", address, "--out", str(tmp_path / "sweep")]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert said in line and "give HOST:PORT of its head node" in line
+    assert not list(tmp_path.iterdir())

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.outputs import written_whole
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -246,16 +247,15 @@ def read_safetensors(
 
 
 def write_safetensors(path: Path, tensors: Mapping[str, NDArray], texts: Mapping[str, str] | None = None) -> None:
-    """Write arrays, and texts in the header, beside the file of that name and put it there when it is whole.
+    """Write arrays, and texts in the header, whole or not at all.
 
     Not by safetensors' own `save_file`, whose files others may not read, and whose error does not say a disk is full.
     """
     from safetensors.numpy import save
 
-    part = path.with_suffix(".part")
     rows = {name: np.asarray(array, order="C") for name, array in tensors.items()}  # it reads them as they lie
-    part.write_bytes(save(rows, dict(texts) if texts else None))
-    part.replace(path)
+    with written_whole(path) as part:
+        part.write_bytes(save(rows, dict(texts) if texts else None))
 
 
 def read_image(path: Path, error: type[ZebratError], most_pixels: int = MOST_PIXELS) -> "Image":

@@ -34,7 +34,7 @@ def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) ->
 
     Raises:
         AssetError: there is no such agent; the message lists those there are.
-        ConfigError: the agent has no such setting, or its own code fails.
+        ConfigError: the agent has no such setting, or its own code fails; or the noise is not 0 to 100.
         PolicyError: the file is not a policy of this package, or its car watched its outline in another order.
     """
     task = fitted(task)

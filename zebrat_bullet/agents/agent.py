@@ -4,8 +4,10 @@ from typing import Protocol
 
 import numpy as np
 
+from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.types import Command, Reading
 
+MOST_NOISE = 100.0
 PRIVILEGES = frozenset({"pose", "map", "goal", "waypoint"})
 """What an agent may be given beyond the lidar: `Reading.state`, `walls`, `goal_world` and `waypoint`."""
 
@@ -71,9 +73,15 @@ class SmoothRandomAgent:
 
 
 class NoisyAgent:
-    """Another agent with Gaussian noise on its commands, as during training (sigma as a fraction of the limits)."""
+    """Another agent with Gaussian noise on its commands, as during training (sigma as a fraction of the limits).
+
+    Raises:
+        ConfigError: sigma is not 0 to 100.
+    """
 
     def __init__(self, agent: Agent, sigma: float, max_speed_mps: float, max_steering_rad: float) -> None:
+        if not 0.0 <= sigma <= MOST_NOISE:
+            raise ConfigError(f"action_noise must be 0 to {MOST_NOISE:g}, got {sigma}")
         self.name = f"{agent.name}+noise{sigma:g}"
         self.privileged = agent.privileged
         self._agent, self._sigma = agent, sigma

@@ -32,9 +32,10 @@ from zebrat_bullet.cli.options import (
     whole_number,
     workers_option,
 )
-from zebrat_bullet.cli.recording import bag_options, replay_bag
+from zebrat_bullet.cli.recording import BAG_OPTIONS, bag_options, replay_bag
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.outputs import require_writable
 
 if TYPE_CHECKING:
     from zebrat_bullet.evaluation.judge import Judgement
@@ -135,16 +136,24 @@ def replay(arguments: argparse.Namespace) -> Result:
         return replay_bag(arguments)
     if arguments.robot is not None:
         raise ConfigError("a record is driven by its own car; leave --robot out")
+    if given := changed(arguments, BAG_OPTIONS):
+        raise ConfigError(f"a record is no bag: {', '.join(given)} can only be heeded with --bag FILE; leave that out")
     from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode
+    from zebrat_bullet.report.mp4 import check_mp4
+    from zebrat_bullet.report.video import DEFAULT_SIZE
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
+    if arguments.out:
+        check_mp4(arguments.out, DEFAULT_SIZE)
     record = load_record(arguments.record)
     task = from_json(TaskConfig, record.task)
     world = load_world(record.world, robot=load_robot(task.robot))
+    if arguments.out:
+        require_writable(arguments.out)
     drive = Drive(task, world)
     again = replay_episode(drive, record, world)
     drive.close()
@@ -177,6 +186,7 @@ def video(arguments: argparse.Namespace) -> Result:
     require_winnable_by(agent, world)
     if arguments.supervised is not None:
         agent = supervised(agent, task, arguments.supervised)
+    require_writable(arguments.out)
     drive = Drive(task, world)
     record = run_episode(drive, agent, arguments.seed, arguments.episode)
     drive.close()
@@ -203,7 +213,6 @@ def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
     from zebrat_bullet.robot import load_robot
     from zebrat_bullet.world import load_world
 
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     robot = load_robot(from_json(TaskConfig, record.task).robot)
     with progress_bar(arguments) as bar:
         shown = bar.add_task("drawing", total=None)

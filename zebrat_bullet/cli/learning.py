@@ -196,6 +196,7 @@ def teleop(arguments: argparse.Namespace) -> Result:
     out = arguments.out or Path("results/demonstrations") / "person"
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out} is a file; name a folder, which keeps an episode each")
+    arguments.out = out
     outcomes: list[str] = []
 
     def on_episode(record: Any, path: Path) -> None:

@@ -39,8 +39,8 @@ from zebrat_bullet.notes import say_notes_in_a_line
 
 _WRITTEN = ("out", "map", "certify")
 """Options that name what is written."""
-_PART = re.compile(r".+\.part(\.\w+)?")
-"""What a file is called until it is whole."""
+_PART = re.compile(r"\..+\.part")
+"""What a file is called until it is whole, see `outputs.written_whole`."""
 _NOT_WRITABLE = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
     errno.ENAMETOOLONG,

@@ -18,6 +18,7 @@ from zebrat_bullet.cli.options import (
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
+from zebrat_bullet.outputs import require_writable
 
 if TYPE_CHECKING:
     from zebrat_bullet.recording.episode import WatchedEpisode
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
     from zebrat_bullet.robot import RobotModel
     from zebrat_bullet.world import World
 
+BAG_OPTIONS = (
+    *("agent", "lidar_topic", "command_topic", "odometry_topic", "lidar_frame", "lidar_height", "lidar_rpy", "angular"),
+    *("least_sector_points", "delay", "tolerance"),
+)
+"""Options of `replay` that go with --bag."""
 _RECORDINGS = (".mcap", ".db3", ".bag")
 _PACKAGES = ("mcap", "mcap_ros2", "rosbags", "lz4", "zstandard")
 
@@ -49,8 +55,7 @@ def record(arguments: argparse.Namespace) -> Result:
         raise ConfigError(f"{arguments.record} says itself who drove where; leave out --agent, --world and --episode")
     episode, world = _driven_again(arguments) if arguments.record else _driven(arguments)
     record = episode.record
-    name = f"{file_name(record.agent)}-{world.name}-{record.episode}.mcap"
-    path = arguments.out or Path("results") / name
+    path = arguments.out
     n = write_recording(episode, world, path)
     megabytes = path.stat().st_size / 1e6
     result = {
@@ -79,7 +84,9 @@ def _driven(arguments: argparse.Namespace) -> "tuple[WatchedEpisode, World]":
     require_winnable_by(agent, world)
     if arguments.supervised is not None:
         agent = supervised(agent, task, arguments.supervised)
-    return watch_episode(task, world, agent, arguments.seed, arguments.episode or 0), world
+    episode = arguments.episode or 0
+    _place(arguments, agent.name, world, episode)
+    return watch_episode(task, world, agent, arguments.seed, episode), world
 
 
 def _driven_again(arguments: argparse.Namespace) -> "tuple[WatchedEpisode, World]":
@@ -92,7 +99,14 @@ def _driven_again(arguments: argparse.Namespace) -> "tuple[WatchedEpisode, World
     record = load_record(arguments.record)
     task = from_json(TaskConfig, record.task)
     world = load_world(record.world, robot=load_robot(task.robot))
+    _place(arguments, record.agent, world, record.episode)
     return watch_again(task, world, record), world
+
+
+def _place(arguments: argparse.Namespace, agent: str, world: "World", episode: int) -> None:
+    """Name the recording where --out does not, and try its place before the drive."""
+    arguments.out = arguments.out or Path("results") / f"{file_name(agent)}-{world.name}-{episode}.mcap"
+    require_writable(arguments.out)
 
 
 def replay_bag(arguments: argparse.Namespace) -> Result:
@@ -124,6 +138,8 @@ def replay_bag(arguments: argparse.Namespace) -> Result:
             arguments,
             f"{topics.lidar} against {topics.command}; speed from {topics.odometry or 'the last command'}",
         )
+        if arguments.out:
+            require_writable(arguments.out)
         loop = run_open_loop(bag, topics, agent, task, reader)
     result = {
         "agent": arguments.agent,

@@ -3,11 +3,12 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note
+from zebrat_bullet.config import REWARD_PRESETS
 from zebrat_bullet.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,19 +22,21 @@ def sweep(arguments: argparse.Namespace) -> Result:
     """Train every combination of algorithms, rewards, worlds and seeds; what is finished is kept, the rest goes on."""
     from zebrat_bullet.training.sweep import open_sweep
     from zebrat_bullet.training.sweep_local import require_workers, run_locally
-    from zebrat_bullet.training.sweep_ray import run_on_ray
+    from zebrat_bullet.training.sweep_ray import connected, run_on_ray
 
     if arguments.retries < 0:
         raise ConfigError(f"retries must be at least 0, got {arguments.retries}")
     require_workers(arguments.workers)
     folder = (arguments.out or Path("runs/sweep")).resolve()
-    runs = open_sweep(_sweep_of(arguments, folder), folder)
+    asked = _sweep_of(arguments, folder)
     try:
-        with _live_table(arguments, runs) as show:
-            if arguments.ray:
-                run_on_ray(runs, arguments.ray, arguments.retries, show)
-            else:
-                run_locally(runs, arguments.workers, arguments.retries, show)
+        with connected(arguments.ray) if arguments.ray else nullcontext():
+            runs = open_sweep(asked, folder)
+            with _live_table(arguments, runs) as show:
+                if arguments.ray:
+                    run_on_ray(runs, arguments.ray, arguments.retries, show)
+                else:
+                    run_locally(runs, arguments.workers, arguments.retries, show)
     except KeyboardInterrupt:
         note(arguments, f"nothing finished is lost; `zebrat sweep --out {folder}` continues from the checkpoints")
         raise
@@ -117,7 +120,10 @@ def add(command: AddCommand) -> None:
     made.add_argument("--manifest", type=Path, metavar="YAML", help="a file with any of the settings below")
     made.add_argument("--algos", nargs="+", metavar="ALGO", help="ddpg dqn sac ppo ppo-discrete (default ddpg)")
     made.add_argument(
-        "--rewards", nargs="+", metavar="REWARD", help="fomt fot ft wg, or own: the preset's (default fomt)"
+        "--rewards",
+        nargs="+",
+        metavar="REWARD",
+        help=f"{' '.join(REWARD_PRESETS)}, or own: the preset's (default fomt)",
     )
     made.add_argument("--worlds", nargs="+", metavar="WORLD", help="one training world a run (default: the preset's)")
     made.add_argument("--seeds", nargs="+", type=int, metavar="SEED", help="(default 0)")

@@ -39,6 +39,8 @@ def worlds(arguments: argparse.Namespace) -> Result:
         names, path = _generate(arguments, robot, folder), folder / "worlds.png"
     elif arguments.family or arguments.difficulty is not None:
         raise ConfigError("--family and --difficulty say what to --generate; add --generate N")
+    else:
+        _require_drawn(arguments)
     path = picture(path) if arguments.draw else path
     references = placed(arguments, [str(name) for name in names])
     loaded, refusals = _load(arguments, references, robot)
@@ -96,6 +98,7 @@ def robots(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.report.tables import refused_summary, robot_summary, robots_table
     from zebrat_bullet.robot import Inspection, named_robot, refusal
 
+    _require_drawn(arguments)
     settings = robot_settings(arguments)
     config, n_bearings = SafetyRegionConfig(), LidarConfig().n_bearings
     seen: dict[str, Inspection] = {}
@@ -121,6 +124,12 @@ def robots(arguments: argparse.Namespace) -> Result:
     if refused:
         raise PartialResultError("\n".join(refused), (result, text))
     return result, text
+
+
+def _require_drawn(arguments: argparse.Namespace) -> None:
+    """Refuse a name for a picture that is not asked for."""
+    if arguments.out and not arguments.draw:
+        raise ConfigError(f"--out {arguments.out} names the picture that --draw makes; add --draw, or leave it out")
 
 
 def _inspected(name: str, config: "SafetyRegionConfig") -> "Inspection":

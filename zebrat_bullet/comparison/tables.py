@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import MB, refusing, require_file
+from zebrat_bullet.outputs import written_whole
 
 if TYPE_CHECKING:
     from pyarrow import Schema, Table
@@ -81,11 +82,9 @@ def write_tables(tables: Mapping[str, "Table"], folder: Path) -> None:
     """Write tables as `folder`/NAME.parquet, each whole or not at all."""
     from pyarrow.parquet import write_table
 
-    folder.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
-        part = folder / f"{name}.part"
-        write_table(table, part, compression="zstd", compression_level=9, store_schema=False)
-        part.replace(folder / f"{name}.parquet")
+        with written_whole(folder / f"{name}.parquet") as part:
+            write_table(table, part, compression="zstd", compression_level=9, store_schema=False)
 
 
 def read_tables(folder: Path, names: Iterable[str] = tuple(COLUMNS)) -> dict[str, "Table"]:

@@ -85,7 +85,9 @@ class PlanarVectorEnv(VectorEnv):
 
         Raises:
             ConfigError: there are options.
+            EpisodeError: the cars are closed.
         """
+        self._refuse_closed("reset")
         if options:
             raise ConfigError(
                 f"reset of planar cars takes no options, got {shown(repr(options))}; drive.begin_at places cars, and "
@@ -105,8 +107,9 @@ class PlanarVectorEnv(VectorEnv):
 
         Raises:
             ActionError: an action is not finite; the message names car and step, and nothing was simulated.
-            EpisodeError: nothing was begun yet.
+            EpisodeError: nothing was begun yet, or the cars are closed.
         """
+        self._refuse_closed("step")
         if not self._begun:
             raise EpisodeError("step: no episode was begun yet; call reset first")
         step = self.drive.step(self.on_device(actions))
@@ -128,6 +131,10 @@ class PlanarVectorEnv(VectorEnv):
             EpisodeError: always; says what to do instead.
         """
         raise EpisodeError("planar cars cannot be copied or pickled; make another env, or use drive.state() and load()")
+
+    def _refuse_closed(self, what: str) -> None:
+        if self.closed:
+            raise EpisodeError(f"{what}: this environment is closed; make a new one")
 
     def on_device(self, actions: NDArray[np.float32]) -> Array:
         """Return actions where the cars are."""

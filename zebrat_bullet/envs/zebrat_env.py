@@ -43,9 +43,9 @@ class ZebratEnv(gymnasium.Env):
         goal: x, y in m, what is to be reached in a named world without an open-space line.
         exit: both ends of the open-space line of a named mesh or map.
         robot: the car, a name or a URDF file; None keeps the task's.
-        reward: a preset name ("fomt", "fot", "ft", "wg", "wg_paper", with the observation that it needs) or a
+        reward: a preset name ("fomt", "fot", "fmt", "ft", "wg", "wg_paper", with the observation that it needs) or a
             RewardConfig; None keeps the task's.
-        caster: "bullet" or "embree"; None keeps the task's.
+        caster: "bullet", "embree", or "mujoco" with that engine; None keeps the task's.
         noise: lidar noise; None keeps the task's.
         discrete: six actions instead of a Box.
         raw: observations and actions in SI units instead of [-1, 1].

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import MB, is_file, refusing, require_file
+from zebrat_bullet.outputs import written_whole
 
 _MOST_BYTES = 1000 * MB
 Row = TypeVar("Row")
@@ -73,9 +74,8 @@ class CsvLog:
         """Drop the rows of episodes after `episode`, which a resumed run drives again."""
         with refusing(self._path, ZebratError, "is not the log of this run", "restore it, or begin the run anew"):
             kept = [row for row in self.rows() if int(row["episode"]) <= episode]
-        part = self._path.with_suffix(".part")
-        self._write(part, "w", kept)
-        part.replace(self._path)
+        with written_whole(self._path) as part:
+            self._write(part, "w", kept)
 
     def _mend(self) -> None:
         with self._path.open("r+b") as file:

@@ -9,6 +9,7 @@ import numpy as np
 
 from zebrat_bullet.errors import ZebratError
 from zebrat_bullet.files import parse_json, read_npz
+from zebrat_bullet.outputs import written_whole
 
 
 def save_npz(path: Path, schema: str, values: Mapping[str, Any]) -> None:
@@ -21,11 +22,8 @@ def save_npz(path: Path, schema: str, values: Mapping[str, Any]) -> None:
     """
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     header = {"schema": schema} | {name: value for name, value in values.items() if name not in arrays}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
+    with written_whole(path) as part, part.open("wb") as file:
         np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
-    part.replace(path)
 
 
 def load_npz(path: Path, schema: str) -> dict[str, Any]:

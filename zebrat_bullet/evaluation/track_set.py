@@ -9,6 +9,7 @@ from zebrat_bullet.assets import find_asset
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import read_json, refusing
+from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import World, generate_tracks
 from zebrat_bullet.world.fingerprint import fingerprint, joint_fingerprint
@@ -65,12 +66,11 @@ _COLUMNS = [field.name for field in fields(SetTrack)]
 
 def save_set(tracks: TrackSet, folder: Path) -> Path:
     """Write a set as `folder`/NAME.json, a track a line, whole or not at all, and return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
     head = {"name": tracks.name, "robot": tracks.robot, "sha256": tracks.sha256, "columns": _COLUMNS}
     rows = ",\n".join(f"  {json.dumps(list(asdict(track).values()))}" for track in tracks.tracks)
-    path, part = folder / f"{tracks.name}.json", folder / f"{tracks.name}.part"
-    part.write_text(f'{json.dumps(head, indent=1)[:-2]},\n "tracks": [\n{rows}\n ]\n}}\n')
-    part.replace(path)
+    path = folder / f"{tracks.name}.json"
+    with written_whole(path) as part:
+        part.write_text(f'{json.dumps(head, indent=1)[:-2]},\n "tracks": [\n{rows}\n ]\n}}\n')
     return path
 
 

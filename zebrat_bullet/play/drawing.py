@@ -1,6 +1,8 @@
 """A drawn passage: corners joined by legs, laid out as the segments of a world file; and what cannot be laid, where."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -57,8 +59,19 @@ def parse_drawing(data: object) -> Drawing:
     Raises:
         WorldError: it is none; names the first wrong field.
     """
-    try:
+    with naming_the_field():
         return Drawing.model_validate(data)
+
+
+@contextmanager
+def naming_the_field() -> Iterator[None]:
+    """Turn what is wrong with a drawing's data into one line.
+
+    Raises:
+        WorldError: names the first wrong field.
+    """
+    try:
+        yield
     except ValidationError as error:
         item = error.errors(include_input=False, include_url=False)[0]
         field = ".".join(map(str, item["loc"])) or "drawing"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from zebrat_bullet.errors import WorldError
-from zebrat_bullet.play.drawing import LONGEST_M, MOST_CORNERS, Drawing, lay
+from zebrat_bullet.play.drawing import LONGEST_M, MOST_CORNERS, Drawing, lay, naming_the_field
 from zebrat_bullet.robot import RobotModel
 
 MOST_SAMPLES = 5000
@@ -33,11 +33,12 @@ def fit_stroke(samples: object, width_m: float, robot: RobotModel) -> Drawing:
         The first of several simplifications that can be laid; if none can, the first, for its faults to be shown.
 
     Raises:
-        WorldError: it is no stroke, or one too short or too long.
+        WorldError: it is no stroke, one too short or too long, or the width is none of a passage.
     """
     line = _smoothed(_checked(samples))
     simple = [_simplified(line, tolerance) for tolerance in _TOLERANCES_M]
-    fits = [_as_drawing(points, width_m) for points in simple if len(points) <= MOST_CORNERS]
+    with naming_the_field():
+        fits = [_as_drawing(points, width_m) for points in simple if len(points) <= MOST_CORNERS]
     if not fits:
         raise WorldError("The line is too tangled to be a passage: draw it more plainly", at=_first(line))
     for drawing in fits:

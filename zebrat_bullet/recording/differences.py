@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.recording.open_loop import Answer, OpenLoop
 
 COLUMNS = (
@@ -62,13 +63,10 @@ def summary(loop: OpenLoop, tolerance: Sequence[float] = TOLERANCE) -> dict[str,
 
 def write_differences(loop: OpenLoop, path: Path, tolerance: Sequence[float] = TOLERANCE) -> None:
     """Write a row for each scan as CSV, whole or not at all; what there is not is an empty cell."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    with part.open("w", newline="") as file:
+    with written_whole(path) as part, part.open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
         table.writerows(_row(answer, tolerance) for answer in loop.answers)
-    part.replace(path)
 
 
 def _row(answer: Answer, tolerance: Sequence[float]) -> list[object]:

@@ -9,6 +9,7 @@ from mcap_ros2.writer import Writer
 from zebrat_bullet import __version__
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.records import EpisodeRecord
+from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.recording import markers, messages
 from zebrat_bullet.recording.episode import WatchedEpisode
 from zebrat_bullet.recording.messages import Message
@@ -78,19 +79,13 @@ def write_recording(episode: WatchedEpisode, world: World, path: Path) -> int:
         ConfigError: another suffix than .mcap.
     """
     check_mcap(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
     n = 0
-    try:
-        with part.open("wb") as file, _QosWriter(file) as writer:
-            schemas = {topic: writer.add_topic(topic, kind) for topic, kind in TOPICS.items()}
-            writer.add_metadata("zebrat", _metadata(episode.record))
-            for topic, time_s, message in episode_messages(episode, world):
-                writer.write_message(topic, schemas[topic], message, stamp_ns(time_s))
-                n += 1
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(path) as part, part.open("wb") as file, _QosWriter(file) as writer:
+        schemas = {topic: writer.add_topic(topic, kind) for topic, kind in TOPICS.items()}
+        writer.add_metadata("zebrat", _metadata(episode.record))
+        for topic, time_s, message in episode_messages(episode, world):
+            writer.write_message(topic, schemas[topic], message, stamp_ns(time_s))
+            n += 1
     return n
 
 

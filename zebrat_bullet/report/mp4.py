@@ -1,13 +1,18 @@
 """Pictures to an MP4 (H.264), one at a time."""
 
+import subprocess
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import IO
 
 import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
 from zebrat_bullet.errors import RenderError
+from zebrat_bullet.files import shown
+from zebrat_bullet.outputs import written_whole
 
 
 def check_mp4(path: Path, size: tuple[int, int]) -> None:
@@ -26,27 +31,47 @@ def write_mp4(path: Path, pictures: Iterable[NDArray[np.uint8]], fps: int, size:
     """Write (height, width, 3) pictures as a video of the given (width, height), whole or not at all.
 
     Raises:
-        RenderError: see `check_mp4`.
+        RenderError: see `check_mp4`; or the encoder failed, as on a full disk.
     """
     check_mp4(path, size)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.stem}.part.mp4")
-    stream = imageio_ffmpeg.write_frames(
-        str(part),
-        size,
-        fps=fps,
-        codec="libx264",
-        quality=5.5,
-        macro_block_size=2,
-        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-    )
-    stream.send(None)
+    with written_whole(path) as part, tempfile.TemporaryFile() as said:
+        # In a session of its own: Ctrl-C is for the caller to answer.
+        with subprocess.Popen(
+            _command(part, fps, size), stdin=subprocess.PIPE, stderr=said, start_new_session=True
+        ) as encoder:
+            assert encoder.stdin is not None
+            try:
+                for picture in pictures:
+                    if not _taken(encoder.stdin, np.ascontiguousarray(picture)):
+                        break
+            except BaseException:
+                encoder.kill()
+                raise
+            finally:
+                _taken(encoder.stdin, None)
+        if encoder.returncode != 0:
+            said.seek(0)
+            words = said.read().decode(errors="replace").split() or [f"status {encoder.returncode}"]
+            raise RenderError(
+                f"{shown(path)}: the encoder could not write it ({shown(' '.join(words), 300)}); make room on its "
+                "disk, or name another place"
+            )
+
+
+def _taken(pipe: IO[bytes], picture: NDArray[np.uint8] | None) -> bool:
+    """Write a picture, or close the pipe after the last; return whether the encoder still takes them."""
     try:
-        try:
-            for picture in pictures:
-                stream.send(np.ascontiguousarray(picture))
-        finally:
-            stream.close()
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        pipe.close() if picture is None else pipe.write(picture.data)
+    except BrokenPipeError:
+        return False
+    return True
+
+
+def _command(path: Path, fps: int, size: tuple[int, int]) -> list[str]:
+    """Return the encoder's command; it takes raw pictures from its standard input."""
+    taken = ("-f", "rawvideo", "-s", f"{size[0]}x{size[1]}", "-pix_fmt", "rgb24", "-r", str(fps), "-i", "-")
+    made = ("-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "22", "-preset", "veryfast")
+    return [
+        *(imageio_ffmpeg.get_ffmpeg_exe(), "-y", *taken, *made, "-v", "error"),
+        *("-movflags", "+faststart", "-f", "mp4", str(path)),
+    ]

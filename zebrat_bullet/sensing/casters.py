@@ -53,9 +53,9 @@ def make_caster(name: str, directions: NDArray[np.float32], range_max_m: float, 
     if name == "mujoco":
         return _mujoco_caster(directions, range_max_m, client)
     if not isinstance(client, int):
+        remedy = "pass its client_id, or use" if client is None else "with that engine let lidar.caster be 'mujoco' or"
         raise ConfigError(
-            f"caster 'bullet' casts in a PyBullet simulation's client, got {_kind(client)}; pass its client_id, or use "
-            "'embree'"
+            f"caster 'bullet' casts in a PyBullet simulation's client, got {_kind(client)}; {remedy} 'embree'"
         )
     from zebrat_bullet.sensing.bullet_caster import BulletCaster
 

@@ -10,6 +10,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
+from zebrat_bullet.outputs import require_writable
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.teleop.hub import Hub
@@ -49,11 +50,13 @@ def teleop(
     Raises:
         ConfigError: the address cannot be listened on, or episodes is below 1.
         AssetError, WorldError: the world cannot be loaded, driven or won.
+        OSError: the folder cannot be written to.
     """
     if episodes is not None and episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}; leave it out to drive until Ctrl-C")
     place = load_world(world, robot=load_robot(task.robot))
     require_winnable(place)
+    require_writable(folder, folder=True)
     drive = Drive(task, place)
     hub = Hub()
     server = TeleopServer(host, port, hub, _world_json(drive))

@@ -21,6 +21,7 @@ from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import refusing
+from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import find_device
 from zebrat_bullet.robot import load_robot, named_robot
@@ -97,9 +98,8 @@ def require_run(folder: Path) -> None:
 
 def _finish(folder: Path) -> None:
     """Write the summary, whose presence says that the run is over."""
-    part = folder / "summary.part"
-    part.write_text(json.dumps(summarise(folder), indent=2))
-    part.replace(folder / SUMMARY)
+    with written_whole(folder / SUMMARY) as part:
+        part.write_text(json.dumps(summarise(folder), indent=2))
 
 
 def _run_where(config: TrainConfig) -> Callable[..., None]:

@@ -11,6 +11,7 @@ from zebrat_bullet.config import MOST_SEED, within
 from zebrat_bullet.config_text import from_json, read_config, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_yaml, refusing, shown
+from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
@@ -114,10 +115,8 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     judging_worlds([*sweep.worlds, *a_run.eval_worlds], a_run.task)
     for run, config in runs.items():
         _refuse_other_settings(run, config)
-    folder.mkdir(parents=True, exist_ok=True)
-    part = manifest.with_suffix(".part")
-    part.write_text(to_json(sweep))
-    part.replace(manifest)
+    with written_whole(manifest) as part:
+        part.write_text(to_json(sweep))
     return runs
 
 

@@ -14,7 +14,7 @@ from zebrat_bullet.files import shown
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.elements import MOST_COORDINATE_M
 
-_SETTING = re.compile(r":(start|goal|exit)=([^:]*)")
+_SETTING = re.compile(r":(start|goal|exit)=")
 _LENGTHS = {"start": ("x,y,yaw in degrees", (3,)), "goal": ("x,y", (2,)), "exit": ("x1,y1,x2,y2", (4,))}
 
 
@@ -69,14 +69,23 @@ class WorldReference:
 def parse_reference(text: str) -> WorldReference:
     """Read how a world is named.
 
+    A name may have colons of its own; it ends where the first place is said.
+
     Raises:
-        WorldError: start, goal or exit are not so many finite numbers.
+        WorldError: start, goal or exit are not so many finite numbers, one is there twice, or what follows them is
+            none of these.
     """
     first = _SETTING.search(text)
     if first is None:
         return WorldReference(text)
     said: dict[str, tuple[float, ...]] = {}
-    for key, numbers in _SETTING.findall(text):
+    for part in text[first.start() + 1 :].split(":"):
+        key, equals, numbers = part.partition("=")
+        if not equals or key not in _LENGTHS or key in said:
+            raise WorldError(
+                f"{shown(text)}: what follows a world's name is start=, goal= and exit=, each once, got "
+                f"{shown(part)!r}{' again' if key in said else ''}; correct it"
+            )
         said[key] = _checked(key, numbers.split(","))
     return WorldReference(text[: first.start()], **said)
 
