@@ -86,7 +86,11 @@ def nobody_drives(monkeypatch):
         raise AssertionError("the place was not tried before the drive")
 
     monkeypatch.setattr("zebrat_bullet.task.drive.Drive.reset", drive)
-    monkeypatch.setattr("zebrat_bullet.teleop.session.TeleopServer", drive)
+    for name in (
+        *("teleop.session.TeleopServer", "evaluation.judge.judge", "evaluation.held_out.judge_set"),
+        *("evaluation.generated.judge_generated", "imitation.planar_demonstrations.drive_seeds"),
+    ):
+        monkeypatch.setattr(f"zebrat_bullet.{name}", drive)
 
 
 @pytest.mark.usefixtures("nobody_drives")
@@ -101,6 +105,18 @@ def nobody_drives(monkeypatch):
         (["record", "--world", "track_2", "--out", "/proc/x.mcap"], "cannot be written: No such file or directory: "),
         (["record", "--world", "track_2"], "cannot be written: File exists: results"),
         (["teleop", "--world", "track_2", "--out", "/proc"], "cannot be written: No such file or directory: /proc"),
+        (["evaluate", "--agent", "random", "--worlds", "real_1", "--out", "/proc"], "cannot be written: No such file"),
+        (
+            ["evaluate", "--agent", "random", "il", "--worlds", "real_1", "--out", "record.npz"],
+            "cannot be written: Fil",
+        ),
+        (["evaluate", "--agent", "il", "--set", "corners", "--out", "/proc"], "cannot be written: No such file"),
+        (["evaluate", "--agent", "il", "--generated", "2"], "cannot be written: Not a directory: results/gen"),
+        (["demonstrate", "--agent", "random", "--worlds", "real_1"], "cannot be written: Not a directory: results/dem"),
+        (
+            ["demonstrate", "--agent", "oracle", "--generated", "1", "--out", "/proc/x"],
+            "cannot be written: No such file",
+        ),
     ],
 )
 def test_a_drive_that_could_not_be_written_is_not_begun(command, said, tmp_path, monkeypatch, capfd):

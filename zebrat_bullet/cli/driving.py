@@ -69,16 +69,18 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         return evaluate_set(arguments)
     if len(arguments.agent) == 1:
         (agent,) = arguments.agent
-        out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
+        out = arguments.out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
         what = _judgement(arguments, agent, out)
         require_drivable(what)
+        require_writable(out, folder=True)
         scores, table = _evaluate_one(arguments, what, out)
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"
-    out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
+    out = arguments.out = arguments.out or Path("results") / f"evaluate{of_engine(arguments)}"
     names = file_names(arguments.agent)
     judgements = {agent: _judgement(arguments, agent, out / names[agent]) for agent in arguments.agent}
     for what in judgements.values():
         require_drivable(what)  # before hours of driving
+    require_writable(out, folder=True)
     every = {agent: _evaluate_one(arguments, what, out / names[agent])[0] for agent, what in judgements.items()}
     table = comparison_table(every, all(_certified(arguments, what.task) for what in judgements.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}

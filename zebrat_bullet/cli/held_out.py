@@ -20,6 +20,7 @@ from zebrat_bullet.cli.common import (
 )
 from zebrat_bullet.cli.options import workers_option
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.outputs import require_writable
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -97,7 +98,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.report.held_out import set_table
 
     tracks = read_set(arguments.set)
-    out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
+    out = arguments.out = arguments.out or Path("results") / f"set-{tracks.name}{of_engine(arguments)}"
     tasks = {agent: own_task_of(arguments, agent) for agent in arguments.agent}
     how = SetJudgement(
         episodes=arguments.episodes,
@@ -109,6 +110,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         workers=_workers(arguments),
         task=tasks[arguments.agent[0]],
     )
+    require_writable(out, folder=True)
     names = file_names(arguments.agent)
 
     def keep(agent: str, driven: Sequence[SetTrack], endings: Endings) -> None:
@@ -125,7 +127,6 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             tasks,
             keep,
         )
-    out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
     (out / "scores.json").write_text(json.dumps(result))
     (out / "table.md").write_text(table + "\n")
@@ -142,7 +143,8 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
     if arguments.supervised is not None:
         raise ConfigError("--generated drives planar cars, without whole scans for --supervised; leave one out")
     (agent,) = arguments.agent
-    out = arguments.out or Path("results") / f"generated-{file_name(agent)}{of_engine(arguments)}"
+    out = arguments.out = arguments.out or Path("results") / f"generated-{file_name(agent)}{of_engine(arguments)}"
+    require_writable(out, folder=True)
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + arguments.generated)
     score = judge_generated(
         agent,
@@ -154,7 +156,6 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
         action_noise=arguments.action_noise,
         workers=_workers(arguments),
     )
-    out.mkdir(parents=True, exist_ok=True)
     (out / "generated.json").write_text(json.dumps(score.as_dict()))
     low, high = score.success_ci
     text = (

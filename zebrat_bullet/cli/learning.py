@@ -110,7 +110,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     task, differing = as_trained(task_of(arguments), arguments.agent, own_robot=False)
     if differing:
         note(arguments, f"{arguments.agent} drives in the task that it was trained on: {', '.join(differing)}")
-    out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
+    out = arguments.out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
     agent = load_agent(arguments.agent, task, arguments.action_noise)
     if arguments.human_noise:
         agent = HumanLikeAgent(agent, task.physics)
@@ -148,7 +148,7 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
         task=task_of(arguments),
         seed=arguments.seed,
     )
-    out = arguments.out or Path("results/demonstrations") / f"generated-{file_name(arguments.agent)}"
+    out = arguments.out = arguments.out or Path("results/demonstrations") / f"generated-{file_name(arguments.agent)}"
     with told_when_stopped(arguments, f"the same command, with --out {out}, goes on"), progress_bar(arguments) as bar:
         shown = bar.add_task("tracks", total=arguments.generated)
         done = demonstrate_generated(

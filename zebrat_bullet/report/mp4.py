@@ -30,6 +30,8 @@ def check_mp4(path: Path, size: tuple[int, int]) -> None:
 def write_mp4(path: Path, pictures: Iterable[NDArray[np.uint8]], fps: int, size: tuple[int, int]) -> None:
     """Write (height, width, 3) pictures as a video of the given (width, height), whole or not at all.
 
+    Not by imageio's own writer, which does not ask whether the encoder ended well.
+
     Raises:
         RenderError: see `check_mp4`; or the encoder failed, as on a full disk.
     """
