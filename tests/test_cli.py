@@ -16,8 +16,8 @@ from zebrat_bullet.training.sweep_run import claim
 ZEBRAT = Path(sys.executable).parent / "zebrat"
 
 
-def zebrat(*arguments: object, check: bool = True) -> subprocess.CompletedProcess:
-    return subprocess.run([ZEBRAT, *map(str, arguments)], capture_output=True, text=True, check=check)
+def zebrat(*arguments: object, check: bool = True, cwd: Path | None = None) -> subprocess.CompletedProcess:
+    return subprocess.run([ZEBRAT, *map(str, arguments)], capture_output=True, text=True, check=check, cwd=cwd)
 
 
 def result(*arguments: object) -> dict:
@@ -136,6 +136,7 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("train", "--resume", "--out", "/nonexistent/x"), "holds no training run"),
         (("train", "--resume", "--preset", "quick", "--set", "a=3", "--out", "/no"), "--preset, --set cannot change"),
         (("train", "--resume", "--seed", "3", "--preset", "quick"), "runs/quick-seed3 holds no training run"),
+        (("train", "--resume", "--seed", "0", "--out", "/no"), "so --seed cannot change"),  # be it the default
         (("ros", "drive", "--world", "track_3", "--policy", "x"), "--world is for `zebrat ros sim`"),
         (("ros", "sim", "--policy", "x"), "--policy is for `zebrat ros drive`"),
         (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
@@ -144,8 +145,8 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("replay", "x.npz", "--tolerance", "1", "1", "--delay", "1"), "--delay, --tolerance can only be heeded with"),
     ],
 )
-def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message):
-    done = zebrat(*arguments, check=False)
+def test_a_users_mistake_is_one_line_that_says_what_to_do(arguments, message, tmp_path):
+    done = zebrat(*arguments, check=False, cwd=tmp_path)
     assert done.returncode == 2 and done.stdout == ""
     assert message in done.stderr and "Traceback" not in done.stderr
 

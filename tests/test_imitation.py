@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from zebrat_bullet.agents import load_agent
+from zebrat_bullet.agents import code_or_weights, load_agent
 from zebrat_bullet.agents.human import HumanLikeAgent, HumanNoise
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
@@ -258,13 +258,15 @@ def test_demonstrations_that_were_killed_go_on_and_no_two_sets_mix(demonstration
     done = demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1000, killed, TASK)
     assert len(driven) == 1 and np.array_equal(load_record(last).pose, whole.pose)
     assert done == demonstrate(load_agent(DRIVER, TASK), ["track_2"], 1000, demonstrations, TASK) and len(driven) == 1
-    for name, other in {"seed": {"seed": 1}, "compact": {"compact": True}, "worlds": {"worlds": ["real_1"]}}.items():
+    for name, other in {"seed": {"seed": 1}, "compact": {"compact": True}, "order": {"worlds": ["real_1"]}}.items():
         given = {"worlds": ["track_2"], "seed": 0, "compact": False} | other
-        with pytest.raises(ConfigError, match=f"made with another {name}; name a new folder"):
+        with pytest.raises(ConfigError, match=f"driven under another {name}; name another --out"):
             demonstrate(load_agent(DRIVER, TASK), given["worlds"], 1, killed, TASK, given["seed"], given["compact"])
     slower = replace(TASK, physics=replace(TASK.physics, max_speed_mps=0.5))
     with pytest.raises(ConfigError, match="another agent, task"):
         demonstrate(load_agent("oracle", slower), ["track_2"], 1, killed, slower)
+    for wrapped in (load_agent(DRIVER, TASK, 0.1), HumanLikeAgent(load_agent(DRIVER, TASK), TASK.physics)):
+        assert code_or_weights(wrapped) == code_or_weights(load_agent(DRIVER, TASK)) != ""
     with pytest.raises(ConfigError, match="track_2 is named twice"):
         demonstrate(load_agent(DRIVER, TASK), ["track_2", "track_2"], 1, tmp_path / "twice", TASK)
     (tmp_path / "mine").mkdir()

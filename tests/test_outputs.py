@@ -37,7 +37,7 @@ WRITERS = {
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_file_of_the_users_that_is_called_like_an_unfinished_one_is_kept(name, tmp_path):
-    theirs = [tmp_path / each for each in ("x.part", f"{name}.part", ".x.part", ".x.part.mp4", f".{name}.part")]
+    theirs = [tmp_path / each for each in ("x.part", f"{name}.part", ".x.part", ".x.part.mp4")]
     for path in theirs:
         path.write_text("mine")
     WRITERS[name](tmp_path / name)
@@ -45,24 +45,25 @@ def test_a_file_of_the_users_that_is_called_like_an_unfinished_one_is_kept(name,
     assert {path.name for path in tmp_path.iterdir()} == {name, *(path.name for path in theirs)}
 
 
-def test_what_fails_leaves_the_folder_as_it_was_and_two_writers_do_not_meet(tmp_path):
+def test_what_fails_leaves_the_folder_as_it_was_and_what_a_kill_has_left_goes(tmp_path):
     path = tmp_path / "new" / "x.txt"
     with pytest.raises(ZeroDivisionError), written_whole(path) as part:
         part.write_text("half")
         raise ZeroDivisionError
     assert not list(path.parent.iterdir())
-    with written_whole(path) as one:
-        one.write_text("one")
-        with written_whole(path) as other:
-            other.write_text("other")
-        assert path.read_text() == "other"
-    assert path.read_text() == "one" and [each.name for each in path.parent.iterdir()] == ["x.txt"]
+    part.write_text("what a kill has left of it, longer than")
+    with written_whole(path) as part:
+        part.write_text("whole")
+    assert path.read_text() == "whole" and [each.name for each in path.parent.iterdir()] == ["x.txt"]
+    with written_whole(tmp_path / ("x" * 255)) as part:  # the longest that there is
+        part.write_text("whole")
 
 
-def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):
-    require_writable(tmp_path / "a" / "x.mp4")
-    require_writable(tmp_path / "b", folder=True)
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b"]
+def test_to_try_a_place_leaves_nothing_there(tmp_path):
+    (tmp_path / "there").mkdir()
+    for path, folder in (("a/b/x.mp4", False), ("a/b", True), ("there/x.mp4", False), ("there", True)):
+        require_writable(tmp_path / path, folder=folder)
+    assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):

@@ -65,9 +65,12 @@ def test_what_was_killed_goes_on_and_more_tracks_join(folder, tmp_path, monkeypa
     driven.clear()
     assert demonstrate_generated(HOW, 6, killed) == done
     assert driven == [range(2, 4), range(4, 6)]
+    (killed / "tracks-000004.planar.npz").unlink()
+    driven.clear()
+    assert demonstrate_generated(HOW, 6, killed) == done and driven == [range(4, 6)]
     for path in whole.glob("*.npz"):
         assert path.read_bytes() == (killed / path.name).read_bytes()
-    with pytest.raises(ConfigError, match="made with another families, episodes; name a new folder"):
+    with pytest.raises(ConfigError, match="driven under another families, episodes; name another --out"):
         demonstrate_generated(replace(HOW, families=("corners",), episodes=2), 6, killed)
     (killed / "tracks.csv").write_text((killed / "tracks.csv").read_text().replace("\n0,2,", "\nx,2,"))
     with pytest.raises(ZebratError, match=r"tracks\.csv: is no table of tracks"):

@@ -6,6 +6,7 @@ import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from zebrat_bullet.agents.policy import load_policy, save_policy
@@ -14,14 +15,16 @@ from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import DisturbanceConfig, DynamicsConfig, LidarConfig, TaskConfig
 from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.axes import AXES, AXIS_NAMES, disturbed, everything_but, nominal_of, parse_axes
-from zebrat_bullet.evaluation.claim import claim_folder, geometry
+from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog
 from zebrat_bullet.evaluation.robustness import COLUMNS, RobustnessRow, RobustnessStudy, read_table, run_study
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.notes import Note
 from zebrat_bullet.report.robustness import draw_robustness, everything_table, robustness_table, summarise
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import load_world
+from zebrat_bullet.world.world import Mesh, Start
 
 TASK = TaskConfig(lidar=LidarConfig(caster="embree"))
 STUDY = RobustnessStudy(
@@ -157,7 +160,7 @@ def test_a_run_folder_is_judged_and_a_supervised_driver_beside_the_bare_one(tmp_
 def test_a_planner_that_finds_no_plan_from_where_it_believes_to_be_stands(tmp_path: Path) -> None:
     lost = replace(TASK, disturbance=DisturbanceConfig(pose_sigma_m=1.0))
     # Twice it believes to stand in a wall.
-    with pytest.warns(Note, match="dwa stands: the start .* no place the car's centre may be"):
+    with pytest.warns(Note, match="dwa stands where an episode begins without a plan.*no place the"):
         record = next(drive_episodes("dwa", lost, load_world("real_1"), 0, [1]))
     assert record.outcome == "stall" and not record.command.any()
     study = replace(STUDY, agents=("dwa",), axes={"mass": (1.0,)}, task=lost)
@@ -264,17 +267,48 @@ class Stands:
     place.write_text(place.read_text().replace("straight: 4.4, width: 1.4", "straight: 4.4, width: 1.5"))
     with pytest.raises(ConfigError, match=r"another .*place\.yaml; name another --out"):
         run_study(study, tmp_path / "out")
-    longer = replace(load_robot("zebrat"), wheelbase_m=0.5)
+    study_file = tmp_path / "out" / "study.json"
+    then = json.loads(study_file.read_text())
+    study_file.write_text(json.dumps(then | {"car": "of before", "worlds": {}}))
     with pytest.raises(ConfigError, match="another car; name another --out"):
-        claim_folder(tmp_path / "out", "episodes", TASK, geometry(longer), seed=0)
+        run_study(study, tmp_path / "out")
 
 
-def test_a_damaged_table_is_refused_by_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"gates": np.ones((1, 2, 2))},
+        {"waypoints": np.ones((1, 2))},
+        {"max_steps": 7},
+        {"mesh": Mesh(np.ones((3, 3)), np.zeros((1, 3), np.int32))},
+        {"start": Start(Pose2(0.0, 0.0, 0.1))},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_whatever_of_a_world_decides_an_episode_tells_it_from_another(change: dict, tmp_path: Path) -> None:
+    world = load_world("real_1")
+    claim_folder(tmp_path, "episodes", TASK, {"real_1": world}, seed=0)
+    claim_folder(tmp_path, "episodes", TASK, {"real_1": world, "real_2": load_world("real_2")}, seed=0)
+    with pytest.raises(ConfigError, match="another real_1; name another --out"):
+        claim_folder(tmp_path, "episodes", TASK, {"real_1": replace(world, **change)}, seed=0)
+
+
+@pytest.mark.parametrize("change", ["lidar_rpy", "knuckle_limit_rad", "yaw_inertia_kgm2", "footprint_base"])
+def test_whatever_of_a_car_moves_it_tells_it_from_another(change: str, tmp_path: Path, monkeypatch) -> None:
+    claim_folder(tmp_path, "episodes", TASK, seed=0)
+    robot = load_robot("zebrat")
+    other = replace(robot, **{change: getattr(robot, change) + 0.01})
+    monkeypatch.setattr("zebrat_bullet.evaluation.claim.load_robot", lambda name: other)
+    with pytest.raises(ConfigError, match="another car; name another --out"):
+        claim_folder(tmp_path, "episodes", TASK, seed=0)
+
+
+def test_a_damaged_table_is_refused_with_the_row(tmp_path: Path) -> None:
     log = CsvLog(tmp_path / "robustness.csv", COLUMNS)
     log.append(asdict(row("mass", 1.0, 1)))
     path = tmp_path / "robustness.csv"
     path.write_text(path.read_text().replace(",1.0,", ",x,"))
-    with pytest.raises(ZebratError, match=r"robustness\.csv: line 2 is none of its rows"):
+    with pytest.raises(ZebratError, match=r"robustness\.csv: holds a row of another kind, a,,,w,mass,x,"):
         read_table(tmp_path)
 
 

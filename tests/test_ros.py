@@ -25,6 +25,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.deploy.driver import Driver
 from zebrat_bullet.errors import ConfigError, PolicyError, SensorError
 from zebrat_bullet.ros.drive import drive
+from zebrat_bullet.ros.drive_node import DriveNode
 from zebrat_bullet.ros.messages import cloud_points, scan_ranges, steering_of, yaw_rate
 from zebrat_bullet.ros.parameters import DriveSettings, SimSettings, make_node, read_parameters
 from zebrat_bullet.ros.publish import cloud_message, scan_message, time_of
@@ -355,6 +356,21 @@ def test_the_last_stop_is_waited_for_until_it_is_acknowledged(processes, policy,
     probe.until(lambda: probe.commands and probe.commands[-1][1] == 0.0)
     answered(driver)
     assert "the last stop on /cmd_vel was not acknowledged within 1 s" in said(driver)
+
+
+@pytest.mark.parametrize("end", [RuntimeError("unsupported"), KeyboardInterrupt()])
+def test_where_it_cannot_be_waited_for_the_result_is_there_all_the_same(end, processes, policy, monkeypatch, capfd):
+    def fails(publisher, timeout):
+        raise end
+
+    monkeypatch.setattr("rclpy.publisher.Publisher.wait_for_all_acked", fails)
+    with ros([]):
+        node = make_node("zebrat_drive", [])
+        made = DriveNode(node, read_parameters(node, DriveSettings), Driver.load(policy), None).end()
+        node.destroy_node()
+    assert made["commands"] == 0
+    told = "was not acknowledged as far as ROS can tell (unsupported)" in capfd.readouterr().err
+    assert told == isinstance(end, RuntimeError)
 
 
 def test_the_car_s_own_braking_and_delay_reach_the_supervisor(processes, policy, monkeypatch):

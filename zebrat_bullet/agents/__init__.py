@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
-from zebrat_bullet.agents.own import OwnAgent, load_own
+from zebrat_bullet.agents.own import load_own
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import TaskConfig
@@ -64,9 +64,9 @@ def trained_task(name_or_path: str) -> TaskConfig | None:
 def code_or_weights(agent: Agent) -> str:
     """Return what tells an agent from another of its name: the first 8 digits of a SHA-256, "" where the name says all.
 
-    Of a policy's weights, of the file of one's own driver.
+    Of a policy's weights, of the file of one's own driver; that of an agent within another is the other's too.
     """
-    return agent.digest if isinstance(agent, PolicyAgent | OwnAgent) else ""
+    return getattr(agent, "digest", "")
 
 
 def _load(name_or_path: str, task: TaskConfig) -> Agent:

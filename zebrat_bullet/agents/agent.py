@@ -82,8 +82,8 @@ class NoisyAgent:
     def __init__(self, agent: Agent, sigma: float, max_speed_mps: float, max_steering_rad: float) -> None:
         if not 0.0 <= sigma <= MOST_NOISE:
             raise ConfigError(f"action_noise must be 0 to {MOST_NOISE:g}, got {sigma}")
-        self.name = f"{agent.name}+noise{sigma:g}"
-        self.privileged = agent.privileged
+        self.name = f"{agent.name}+noise{sigma:.12g}"
+        self.privileged, self.digest = agent.privileged, getattr(agent, "digest", "")
         self._agent, self._sigma = agent, sigma
         self._limits = np.array([max_speed_mps, max_steering_rad])
 

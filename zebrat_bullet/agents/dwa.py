@@ -38,6 +38,7 @@ class DwaAgent:
         self._robot = load_robot(task.robot)
         self._radius_m = inscribed_radius_m(self._robot.footprint_base)
         self._walls: shapely.MultiPolygon | None = None
+        self._noted = False
         live = config.costmap == "live"
         self._costmap = LocalCostmap(self._robot, config.resolution_m, config.window_m) if live else None
 
@@ -66,13 +67,19 @@ class DwaAgent:
             try:
                 self._plan(at, reading.goal_world)
             except PlanError as error:
-                warnings.warn(f"{self.name} stands: {error}", Note, stacklevel=2)
-                self._stands = True
+                self._stand(error)
                 return _STOP
         command = self._dwa.command(reading.state)
         if command is None and np.linalg.norm(at - self._planned_from) > self.config.resolution_m:
             self._replan(at, reading.goal_world)
         return command or _STOP
+
+    def _stand(self, error: PlanError) -> None:
+        self._stands = True
+        if not self._noted:
+            self._noted = True
+            said = f"{self.name} stands where an episode begins without a plan; the first: {error}"
+            warnings.warn(said, Note, stacklevel=3)
 
     def _plan(self, at: NDArray[np.float64], goal: NDArray[np.float64]) -> None:
         path = plan(

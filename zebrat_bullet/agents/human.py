@@ -48,7 +48,7 @@ class HumanLikeAgent:
 
     def __init__(self, agent: Agent, limits: PhysicsConfig, noise: HumanNoise | None = None) -> None:
         self.name = f"{agent.name}+human"
-        self.privileged = agent.privileged
+        self.privileged, self.digest = agent.privileged, getattr(agent, "digest", "")
         self._agent, self._limits, self._noise = agent, limits, noise or HumanNoise()
         self._decay = math.exp(-limits.control_step_s / self._noise.steering_time_s)
 

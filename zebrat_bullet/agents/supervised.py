@@ -41,7 +41,7 @@ class SupervisedAgent:
 
     def __init__(self, agent: Agent, supervisor: Supervisor) -> None:
         self.name = f"{agent.name}+supervised"
-        self.privileged = agent.privileged
+        self.privileged, self.digest = agent.privileged, getattr(agent, "digest", "")
         self.supervisor = supervisor
         self.refused: list[Refused] = []
         self._agent = agent

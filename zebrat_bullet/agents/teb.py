@@ -37,6 +37,7 @@ class TebAgent:
         self._robot = load_robot(task.robot)
         self._radius_m = inscribed_radius_m(self._robot.footprint_base)
         self._walls: shapely.MultiPolygon | None = None
+        self._noted = False
         self._costmap = LocalCostmap(self._robot) if config.costmap == "live" else None
 
     def reset(self, seed: int) -> None:
@@ -60,8 +61,7 @@ class TebAgent:
             try:
                 self.path = self._global_plan(here, goal)
             except PlanError as error:
-                warnings.warn(f"{self.name} stands: {error}", Note, stacklevel=2)
-                self._stands = True
+                self._stand(error)
                 return Command(0.0, 0.0)
         elif self.path.distance_to(here) > self._config.global_plan_prune_distance_m:
             with contextlib.suppress(PlanError):  # where no way is found from here, the old plan must do
@@ -69,6 +69,13 @@ class TebAgent:
         if self._costmap is not None:
             self.planner.see_cells(self._costmap.see(reading.scan, reading.state.pose))
         return self.planner.plan(reading.state, self.path, reading.time_s)
+
+    def _stand(self, error: PlanError) -> None:
+        self._stands = True
+        if not self._noted:
+            self._noted = True
+            said = f"{self.name} stands where an episode begins without a plan; the first: {error}"
+            warnings.warn(said, Note, stacklevel=3)
 
     def _global_plan(self, here: NDArray[np.float64], goal: NDArray[np.float64]) -> GlobalPath:
         return GlobalPath(

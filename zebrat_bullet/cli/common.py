@@ -81,14 +81,14 @@ def name_robot(arguments: argparse.Namespace) -> None:
         raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
 
 
-def changed(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
-    """Return those of the options that are not at their defaults, as they are written.
+def given(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
+    """Return those of the options that were given, as they are written.
 
     Args:
         arguments: the options.
         names: their names there: n_cars for --n-cars.
     """
-    return [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name) != arguments.default_of(name)]
+    return [f"--{name.replace('_', '-')}" for name in names if name in arguments.given]
 
 
 def require_no_settings(arguments: argparse.Namespace, folder: Path, *naming: str) -> None:
@@ -102,11 +102,10 @@ def require_no_settings(arguments: argparse.Namespace, folder: Path, *naming: st
     Raises:
         ConfigError: an option is there that could not be heeded.
     """
-    heeded = {"run", "default_of", "command", "resume", "out", "json", "quiet", "debug"}
-    heeded.update(naming if arguments.out is None else ())
-    if given := changed(arguments, [name for name in vars(arguments) if name not in heeded]):
+    heeded = {"resume", "out", "json", "quiet", "debug", *(naming if arguments.out is None else ())}
+    if others := given(arguments, [name for name in vars(arguments) if name not in heeded]):
         raise ConfigError(
-            f"--resume goes on with the settings in {folder}, so {', '.join(given)} cannot change them; leave that "
+            f"--resume goes on with the settings in {folder}, so {', '.join(others)} cannot change them; leave that "
             "out, or begin anew in another folder"
         )
 

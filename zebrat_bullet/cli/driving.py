@@ -9,9 +9,9 @@ from zebrat_bullet.cli.common import (
     TRACKS,
     AddCommand,
     Result,
-    changed,
     file_name,
     file_names,
+    given,
     of_engine,
     own_task_of,
     placed,
@@ -53,7 +53,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
         raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
     planar_drives = bool(arguments.generated or arguments.set)
-    if planar_drives and changed(arguments, ["worlds"]):
+    if planar_drives and given(arguments, ["worlds"]):
         raise ConfigError("--worlds, --set and --generated each say what to drive; give one of them")
     if arguments.tracks is not None and not arguments.set:
         raise ConfigError("--tracks goes with --set NAME, of which it takes so many; leave it out")
@@ -138,8 +138,8 @@ def replay(arguments: argparse.Namespace) -> Result:
         return replay_bag(arguments)
     if arguments.robot is not None:
         raise ConfigError("a record is driven by its own car; leave --robot out")
-    if given := changed(arguments, BAG_OPTIONS):
-        raise ConfigError(f"a record is no bag: {', '.join(given)} can only be heeded with --bag FILE; leave that out")
+    if others := given(arguments, BAG_OPTIONS):
+        raise ConfigError(f"a record is no bag: {', '.join(others)} can only be heeded with --bag FILE; leave that out")
     from zebrat_bullet.config_text import from_json
     from zebrat_bullet.evaluation.records import load_record
     from zebrat_bullet.evaluation.rollout import replay_episode

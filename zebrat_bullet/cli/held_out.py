@@ -127,6 +127,7 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
             tasks,
             keep,
         )
+    out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
     (out / "scores.json").write_text(json.dumps(result))
     (out / "table.md").write_text(table + "\n")
@@ -156,6 +157,7 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
         action_noise=arguments.action_noise,
         workers=_workers(arguments),
     )
+    out.mkdir(parents=True, exist_ok=True)
     (out / "generated.json").write_text(json.dumps(score.as_dict()))
     low, high = score.success_ci
     text = (

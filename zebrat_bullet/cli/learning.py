@@ -11,8 +11,8 @@ from zebrat_bullet.cli.common import (
     TRACKS,
     AddCommand,
     Result,
-    changed,
     file_name,
+    given,
     note,
     placed,
     progress_bar,
@@ -104,10 +104,10 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
         raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
     if arguments.generated:
         return _demonstrate_generated(arguments)
-    if given := changed(arguments, ["families", "episodes", "workers"]):
-        raise ConfigError(f"{', '.join(given)} goes with --generated N, not with --worlds; leave that out")
+    if others := given(arguments, ["families", "episodes", "workers"]):
+        raise ConfigError(f"{', '.join(others)} goes with --generated N, not with --worlds; leave that out")
     pairs = 10_000 if arguments.pairs is None else arguments.pairs
-    task, differing = as_trained(task_of(arguments), arguments.agent, own_robot=False)
+    task, differing = as_trained(task_of(arguments), arguments.agent, own_robot=not given(arguments, ["robot"]))
     if differing:
         note(arguments, f"{arguments.agent} drives in the task that it was trained on: {', '.join(differing)}")
     out = arguments.out = arguments.out or Path("results/demonstrations") / file_name(arguments.agent)
@@ -137,8 +137,8 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
     if arguments.sim not in (None, "planar"):
         raise ConfigError(f"--generated: planar cars drive generated tracks, got --sim {arguments.sim}; leave it out")
     of_worlds = ["worlds", "pairs", "human_noise", "compact", "start", "goal", "exit"]
-    if given := changed(arguments, of_worlds):
-        raise ConfigError(f"{', '.join(given)} goes with --worlds, not with --generated; leave that out")
+    if others := given(arguments, of_worlds):
+        raise ConfigError(f"{', '.join(others)} goes with --worlds, not with --generated; leave that out")
     arguments.sim = "planar"
     how = Demonstrating(
         agent=arguments.agent,

@@ -49,7 +49,7 @@ _NOT_WRITABLE = (
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
-    arguments = make_parser().parse_args(argv)
+    arguments = _parse(sys.argv[1:] if argv is None else argv)
     status = 0
     say_notes_in_a_line()
     with _real_stdout() as stdout:
@@ -85,6 +85,16 @@ def main(argv: list[str] | None = None) -> int:
             return _ours(error, arguments)
         print(json.dumps(result) if arguments.json else text, file=stdout)
     return status
+
+
+def _parse(argv: list[str]) -> argparse.Namespace:
+    """Return the options, and in `given` the names of those that are there, be it with their default."""
+    arguments = make_parser().parse_args(argv)
+    no_value: list[str] = []  # a list, for options that add to one
+    again = argparse.Namespace(**dict.fromkeys(vars(arguments), no_value))
+    arguments.parser.parse_args(argv[1:], again)
+    arguments.given = {name for name, value in vars(again).items() if value is not no_value}
+    return arguments
 
 
 def _ours(error: Exception, arguments: argparse.Namespace) -> int:
@@ -156,7 +166,7 @@ def make_parser() -> argparse.ArgumentParser:
         # Made anew: a command may change its defaults.
         all_of = (_common_options(), *((robot_options(),) if car else ()), *parents)
         made = commands.add_parser(run.__name__, parents=all_of, help=run.__doc__, description=run.__doc__)
-        made.set_defaults(run=run, default_of=made.get_default)
+        made.set_defaults(run=run, parser=made)
         return made
 
     for commands_of_a_kind in (

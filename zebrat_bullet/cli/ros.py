@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from zebrat_bullet.cli.common import AddCommand, Result, changed
+from zebrat_bullet.cli.common import AddCommand, Result, given
 from zebrat_bullet.cli.options import whole_number
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
@@ -18,9 +18,9 @@ def ros(arguments: argparse.Namespace) -> Result:
     """Drive a car over ROS 2 (drive), or be one: our PyBullet car as a robot that obeys commands (sim)."""
     is_drive = arguments.node == "drive"
     of_other, other = (_OF_SIM, "sim") if is_drive else (_OF_DRIVE, "drive")
-    if given := changed(arguments, of_other):
+    if others := given(arguments, of_other):
         raise ConfigError(
-            f"{', '.join(given)} is for `zebrat ros {other}`: `zebrat ros {arguments.node}` knows no such"
+            f"{', '.join(others)} is for `zebrat ros {other}`: `zebrat ros {arguments.node}` knows no such"
         )
     return _drive(arguments) if is_drive else _sim(arguments)
 

@@ -2,66 +2,89 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_plain, to_json
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.files import read_json
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.files import is_file, read_json
+from zebrat_bullet.outputs import written_whole
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world import World
 from zebrat_bullet.world.fingerprint import digest, fingerprint, rounded
 
-
-def geometry(robot: RobotModel, worlds: Mapping[str, World] | None = None) -> dict[str, str]:
-    """Return what tells the car, and worlds by their names, from others that a file of that name may have held before.
-
-    Args:
-        robot: the car.
-        worlds: by what rows call them.
-    """
-    car = [robot.wheelbase_m, robot.track_m, robot.rear_axle_x_m, robot.weight_n, *robot.lidar_xyz_base]
-    found = {"car": digest([rounded(robot.footprint_base), rounded(car)])}
-    return found | {name: fingerprint(world) for name, world in (worlds or {}).items()}
+STUDY = "study.json"
 
 
 def claim_folder(
-    folder: Path, holds: str, task: TaskConfig, geometry: Mapping[str, str] | None = None, **more: float
+    folder: Path, holds: str, task: TaskConfig, worlds: Mapping[str, World] | None = None, **more: Any
 ) -> None:
     """Write what all rows of a folder have in common to its `study.json`, or refuse one where it is something else.
 
-    Other worlds may join; the car, and a world that is there, must be what they were.
+    Other worlds may join; the car, and a world that is there, must be what they were under that name.
 
     Args:
         folder: made where it is not there.
         holds: what its rows are, for the refusal.
         task: the task driven; its ray caster does not count, for either gives the same cloud.
-        geometry: as the function of that name returns it.
-        more: what else they share, by name.
+        worlds: driven in, by what the rows call them.
+        more: what else the rows share, by name, as JSON has it.
 
     Raises:
         ConfigError: the folder holds rows that were driven under something else.
     """
-    common = more | {"task": json.loads(to_json(_any_caster(task)))}
-    path = folder / "study.json"
+    more = json.loads(json.dumps(more))
+    car, places = _digest_of_car(task), {name: _digest_of(world) for name, world in (worlds or {}).items()}
+    path = folder / STUDY
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(common, indent=1))
+        _write(path, more | {"task": json.loads(to_json(_any_caster(task))), "car": car, "worlds": places})
     then = read_json(path, ConfigError)
     if not isinstance(then, dict) or not isinstance(then.get("task"), dict):
         raise ConfigError(f"{path}: holds no settings of a study; name another --out")
+    # One from before a setting came says nothing of it: it was as by default, and as the files are now.
+    known: dict[str, str] = named if isinstance(named := then.get("worlds"), dict) else {}
     differing = [name for name in more if then.get(name) != more[name]]
-    # One from before a setting came says nothing of it: it was as by default.
+    differing += [name for name in places if known.get(name, places[name]) != places[name]]
+    differing += [] if then.get("car", car) == car else ["car"]
     if _any_caster(from_plain(TaskConfig, then["task"])) != _any_caster(task):
         differing.append("task")
-    given, known = dict(geometry or {}), then.get("geometry") or {}
-    differing += [name for name in given if known.get(name, given[name]) != given[name]]
     if differing:
         raise ConfigError(f"{folder} holds {holds} driven under another {', '.join(differing)}; name another --out")
-    if not given.items() <= known.items():
-        path.write_text(json.dumps(then | {"geometry": known | given}, indent=1))
+    if not places.items() <= known.items() or "car" not in then:
+        _write(path, then | {"car": car, "worlds": known | places})
+
+
+def claim_data_set(folder: Path, task: TaskConfig, worlds: Mapping[str, World] | None = None, **more: Any) -> None:
+    """Claim a folder as `claim_folder` does, and refuse one that holds something and does not say what.
+
+    Raises:
+        ConfigError: it does, or what it holds was made under something else.
+    """
+    if not is_file(folder / STUDY) and folder.exists() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty; name a new folder, so that no two data sets mix")
+    claim_folder(folder, "demonstrations", task, worlds, **more)
+
+
+def _write(path: Path, common: Mapping[str, Any]) -> None:
+    with written_whole(path) as part:
+        part.write_text(json.dumps(common, indent=1))
 
 
 def _any_caster(task: TaskConfig) -> TaskConfig:
     return replace(task, lidar=replace(task.lidar, caster="bullet"))
+
+
+def _digest_of_car(task: TaskConfig) -> str:
+    """Return what tells the car from another that its file may hold some day: all its numbers."""
+    robot = load_robot(task.robot)
+    values = (getattr(robot, each.name) for each in fields(robot))
+    return digest([rounded(value) for value in values if isinstance(value, float | np.ndarray)])
+
+
+def _digest_of(world: World) -> str:
+    ways = [rounded(world.gates), rounded(world.waypoints), world.max_steps]
+    return digest([fingerprint(world), *ways, rounded(world.mesh.vertices)])

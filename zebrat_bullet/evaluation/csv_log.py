@@ -41,8 +41,9 @@ def read_as(kind: type[Row], path: Path) -> Iterator[Row]:
     Raises:
         ZebratError: one is of another kind.
     """
-    for number, row in enumerate(read_rows(path), 2):
-        with refusing(path, ZebratError, f"line {number} is none of its rows", "restore it, or move its folder away"):
+    for row in read_rows(path):
+        what = f"holds a row of another kind, {','.join(row.values())}"
+        with refusing(path, ZebratError, what, "restore it, or move its folder away"):
             made = kind(**{field.name: field.type(row[field.name]) for field in fields(kind)})  # type: ignore
         yield made
 

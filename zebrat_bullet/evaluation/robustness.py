@@ -13,7 +13,7 @@ from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.axes import NOMINAL, disturbed, levels_of, nominal_of
-from zebrat_bullet.evaluation.claim import claim_folder, geometry
+from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
 from zebrat_bullet.evaluation.judge import require_each_once, require_winnable_by
 from zebrat_bullet.evaluation.own_task import as_trained
@@ -123,8 +123,7 @@ def run_study(
         for world in study.worlds:
             require_winnable_by(agent, _world(world, study.task.robot))
     places = {world: _world(world, study.task.robot) for world in study.worlds}
-    driven_in = geometry(load_robot(study.task.robot), places)
-    claim_folder(folder, "episodes", with_overrides(study.task, study.settings), driven_in, seed=study.seed)
+    claim_folder(folder, "episodes", with_overrides(study.task, study.settings), places, seed=study.seed)
     log = CsvLog(folder / "robustness.csv", COLUMNS)
     there = _episodes_there(read_table(folder))
     rows = list(_rows(study, agents))

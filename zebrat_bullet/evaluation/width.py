@@ -10,7 +10,7 @@ from zebrat_bullet.agents import Agent, code_or_weights, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, with_engine, within
 from zebrat_bullet.errors import ConfigError
-from zebrat_bullet.evaluation.claim import claim_folder, geometry
+from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
@@ -109,7 +109,7 @@ def run_study(
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
     task = with_engine(study.task, "bullet")  # the rows say what they were driven in
     robot = load_robot(study.task.robot)
-    claim_folder(folder, "widths", task, geometry(robot), seed=study.seed, action_noise=study.action_noise)
+    claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
     log = CsvLog(folder / "width.csv", COLUMNS)
     courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
     worlds = {

@@ -17,11 +17,11 @@ from zebrat_bullet.agents import Agent, code_or_weights
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.claim import claim_data_set
 from zebrat_bullet.evaluation.judge import record_path, require_each_once
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.files import is_file, read_npy
-from zebrat_bullet.imitation.data_set import begin_or_go_on
 from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, read_demonstrations
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
@@ -84,8 +84,9 @@ def demonstrate(
         )
     require_each_once(worlds)
     loaded = judging_worlds(worlds, task)
-    begin_or_go_on(
-        folder, task, agent=[agent.name, code_or_weights(agent)], worlds=list(worlds), seed=seed, compact=compact
+    places = dict(zip(worlds, loaded, strict=True))
+    claim_data_set(
+        folder, task, places, agent=[agent.name, code_or_weights(agent)], order=list(worlds), seed=seed, compact=compact
     )
     drive = Drive(task, loaded[0])
     done = {"pairs": 0, "episodes": 0, "successes": 0}

@@ -16,9 +16,9 @@ from zebrat_bullet.agents.oracle import OracleAgent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.claim import claim_data_set
 from zebrat_bullet.evaluation.csv_log import CsvLog
-from zebrat_bullet.files import refusing
-from zebrat_bullet.imitation.data_set import begin_or_go_on
+from zebrat_bullet.files import is_file, refusing
 from zebrat_bullet.imitation.demonstration import SUFFIX, Demonstration, save_demonstrations
 from zebrat_bullet.imitation.labelled_drive import Disturbance, drive_labelled
 from zebrat_bullet.planar.drive import N_STARTS
@@ -96,7 +96,8 @@ def demonstrate_generated(
         on_pairs: told after each file how many tracks are driven and how many pairs kept.
 
     Returns:
-        "pairs", "tracks", and the number of episodes by outcome.
+        "pairs", "tracks", and the number of episodes by outcome, of the files that hold the tracks: of more than
+        `n_tracks` where an earlier call asked for more.
 
     Raises:
         ConfigError: the folder holds something else, or so many tracks there are not.
@@ -104,7 +105,7 @@ def demonstrate_generated(
     if not 1 <= n_tracks <= VALIDATION_SEED:
         raise ConfigError(f"demonstrate on 1 to {VALIDATION_SEED} generated tracks, got {n_tracks}")
     settings = {name: getattr(how, name) for name in ("agent", "families", "episodes", "action_noise", "seed")}
-    begin_or_go_on(folder, how.task, **settings)
+    claim_data_set(folder, how.task, **settings)
     log = CsvLog(folder / "tracks.csv", _COLUMNS)
     with refusing(folder / "tracks.csv", ZebratError, "is no table of tracks", "demonstrate anew in another folder"):
         rows = [{name: int(row[name]) for name in _COLUMNS} for row in log.rows()]
@@ -119,18 +120,25 @@ def demonstrate_generated(
     missing = []
     for first in range(0, n_tracks, TRACKS_ABREAST):
         seeds = range(first, min(first + TRACKS_ABREAST, n_tracks))
-        if first in there and there[first]["tracks"] >= len(seeds):
+        row = there.get(first, {"tracks": 0})
+        if row["tracks"] >= len(seeds) and (row["pairs"] == 0 or is_file(_file_of(folder, first))):
             count(there[first])
         else:
             missing.append(seeds)
     for seeds, driven in zip(missing, in_order(partial(drive_seeds, how), missing, workers), strict=True):
         if driven.demonstrations:
-            save_demonstrations(driven.demonstrations, folder / f"tracks-{seeds[0]:06d}{SUFFIX}")
+            save_demonstrations(driven.demonstrations, _file_of(folder, seeds[0]))
+        else:
+            _file_of(folder, seeds[0]).unlink(missing_ok=True)  # of fewer tracks, otherwise disturbed
         ended = {str(outcome): driven.outcomes.count(outcome) for outcome in Outcome}
         row = {"first": seeds[0], "tracks": len(seeds), "pairs": driven.n_pairs, **ended}
         log.append(row)
         count(row)
     return done
+
+
+def _file_of(folder: Path, first: int) -> Path:
+    return folder / f"tracks-{first:06d}{SUFFIX}"
 
 
 def drive_seeds(

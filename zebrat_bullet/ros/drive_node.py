@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -241,16 +242,30 @@ class DriveNode:
         if self._ackermanns is not None:
             self._ackermanns.publish(ackermann_drive(command, stamp, frame))
 
+    def _wait_until_heard(self) -> None:
+        """Wait for the last command: what is on its way when a publisher ends is not sent again, and the car would hold
+        the one before.
+        """
+        end_s = time.monotonic() + _LAST_WORD_S
+        for publisher in (self._twists, self._ackermanns):
+            if publisher is None:
+                continue
+            left_s = max(0.0, end_s - time.monotonic())
+            try:
+                heard, why = publisher.wait_for_all_acked(Duration(seconds=left_s)), f"within {_LAST_WORD_S:g} s"
+            except RuntimeError as error:  # RCLError: there is middleware that cannot tell
+                heard, why = False, f"as far as ROS can tell ({' '.join(str(error).split())[:200]})"
+            if not heard:
+                self._node.get_logger().warning(
+                    f"the last stop on {publisher.topic_name} was not acknowledged {why}: whoever listens may not have "
+                    "heard it"
+                )
+
     def end(self) -> dict[str, Any]:
         """Tell the car to stop, wait until it has heard, and return what came of the run."""
         self._publish(self._stop())
-        # What is on its way when a publisher ends is not sent again: the car would hold the command before.
-        for publisher in (self._twists, self._ackermanns):
-            if publisher is not None and not publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD_S)):
-                self._node.get_logger().warning(
-                    f"the last stop on {publisher.topic_name} was not acknowledged within {_LAST_WORD_S:g} s: whoever "
-                    "listens may not have heard it"
-                )
+        with suppress(KeyboardInterrupt):  # a second one ends the wait
+            self._wait_until_heard()
         return {
             "scans": self.listener.n_heard,
             "commands": len(self.work_s),
