@@ -13,9 +13,8 @@ from test_sweep import TINY, episodes, holder
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
-from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import Sweep, open_sweep
-from zebrat_bullet.training.sweep_ray import _require_shared, run_on_ray
+from zebrat_bullet.training.sweep_ray import _require_shared, connected, run_on_ray
 from zebrat_bullet.training.sweep_run import lock
 
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 1024**2, "include_dashboard": False}
@@ -54,7 +53,8 @@ def test_a_sweep_outlives_a_node_and_runs_nothing_twice(cluster, tmp_path):
                     killed.update(run=run, at=time.time(), finished=finished)
 
     threading.Thread(target=kill_the_node_in_the_middle_of_a_run, daemon=True).start()
-    run_on_ray(runs, cluster.address, retries=2)
+    with connected(cluster.address):
+        run_on_ray(runs, retries=2)
     assert all(is_finished(run) and not (run / "error.txt").exists() for run in runs)
     assert all(episodes(run) == list(range(1, 21)) for run in runs)
     assert all((run / "summary.json").stat().st_mtime == before for run, before in killed["finished"].items())
@@ -72,10 +72,10 @@ def test_storage_that_a_node_does_not_share_or_whose_locks_it_does_not_see_is_re
         _require_shared(tmp_path)
 
 
-def test_a_cluster_that_is_not_there_is_said_so_at_once(tmp_path):
+def test_a_cluster_that_is_not_there_is_said_so_at_once():
     began = time.monotonic()
     with pytest.raises(ConfigError, match=r"no Ray cluster to use at '127\.0\.0\.1:1'"):
-        run_on_ray({tmp_path / "run": TrainConfig()}, "127.0.0.1:1", retries=0)
+        connected("127.0.0.1:1").__enter__()
     assert time.monotonic() - began < 20
 
 

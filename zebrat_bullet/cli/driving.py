@@ -71,7 +71,6 @@ def evaluate(arguments: argparse.Namespace) -> Result:
         (agent,) = arguments.agent
         out = arguments.out = arguments.out or Path("results") / f"evaluate-{file_name(agent)}{of_engine(arguments)}"
         what = _judgement(arguments, agent, out)
-        require_drivable(what)
         require_writable(out, folder=True)
         scores, table = _evaluate_one(arguments, what, out)
         return {world: score.as_dict() for world, score in scores.items()}, f"{table}\n\nrecords and scores: {out}"

@@ -34,7 +34,7 @@ def sweep(arguments: argparse.Namespace) -> Result:
             runs = open_sweep(asked, folder)
             with _live_table(arguments, runs) as show:
                 if arguments.ray:
-                    run_on_ray(runs, arguments.ray, arguments.retries, show)
+                    run_on_ray(runs, arguments.retries, show)
                 else:
                     run_locally(runs, arguments.workers, arguments.retries, show)
     except KeyboardInterrupt:

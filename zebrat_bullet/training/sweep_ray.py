@@ -19,27 +19,12 @@ TICK_S = 1.0
 MOST_PORT = 65535
 
 
-def run_on_ray(
-    runs: Mapping[Path, TrainConfig], address: str, retries: int, on_tick: Callable[[], None] = lambda: None
-) -> None:
-    """Take every run to its end on a cluster; the sweep's folder must be at the same path on every node.
-
-    Args:
-        runs: the settings of each run by its folder; all folders in one.
-        address: of the cluster, as `ray.init` takes it.
-        retries: how often a run whose process or node is lost is taken up again.
-        on_tick: called about once a second.
-
-    Raises:
-        ConfigError: ray is not installed, there is no such cluster, or a node does not share the sweep's folder.
-    """
-    with connected(address):
-        _run(runs, retries, on_tick)
-
-
 @contextmanager
 def connected(address: str) -> Iterator[None]:
-    """Connect this process to a cluster, for as long as the block takes; one that is connected stays so.
+    """Connect this process to a cluster, for as long as the block takes.
+
+    Args:
+        address: of the cluster, as `ray.init` takes it.
 
     Raises:
         ConfigError: ray is not installed, or there is no such cluster.
@@ -48,9 +33,6 @@ def connected(address: str) -> Iterator[None]:
         import ray
     except ImportError as error:
         raise ConfigError("--ray needs the extra `cluster`: pip install 'zebrat-bullet[cluster]'") from error
-    if ray.is_initialized():
-        yield
-        return
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
         _require_reachable(address)
@@ -65,7 +47,17 @@ def connected(address: str) -> Iterator[None]:
         ray.shutdown()
 
 
-def _run(runs: Mapping[Path, TrainConfig], retries: int, on_tick: Callable[[], None]) -> None:
+def run_on_ray(runs: Mapping[Path, TrainConfig], retries: int, on_tick: Callable[[], None] = lambda: None) -> None:
+    """Take every run to its end on the cluster that is `connected`; all nodes have the sweep's folder at one path.
+
+    Args:
+        runs: the settings of each run by its folder; all folders in one.
+        retries: how often a run whose process or node is lost is taken up again.
+        on_tick: called about once a second.
+
+    Raises:
+        ConfigError: a node does not share the sweep's folder.
+    """
     import ray
 
     folder = next(iter(runs)).parent.resolve()
