@@ -19,7 +19,7 @@ from zebrat_bullet.comparison.cells import cells
 from zebrat_bullet.comparison.estimate import forecast
 from zebrat_bullet.comparison.gather import gather
 from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
-from zebrat_bullet.comparison.policies import Place, best_policy
+from zebrat_bullet.comparison.policies import Place, best_model, best_policy, best_run
 from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
@@ -382,7 +382,7 @@ def test_the_time_of_a_training_on_planar_cars_holds_the_drawing_of_its_tracks(t
 def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
     manifest = read_manifest(SHIPPED)
     paper = manifest.budget("paper")
-    once = {"paper-fomt-first"}  # kept for their logs, and never run again
+    once = {"paper-fomt-first", "finetuning-first"}  # kept for their logs, and never run again
     assert list(paper.trainings) == [name for name in manifest.trainings if name not in once]
     assert list(paper.judgements) == list(manifest.judgements)
     assert len(paper.seeds) == 5 and not any(paper.trainings.values())
@@ -405,7 +405,7 @@ def test_a_training_that_no_budget_runs_is_missing_from_none(tmp_path: Path):
         return forecast(here, [], [], {})
 
     assert "missing" not in said("paper")
-    assert "finetuning-fomt (only what is kept)" in said("laptop") and "paper-fomt-first" not in said("laptop")
+    assert "finetuning-cloning" in said("laptop") and "first" not in said("laptop")
 
 
 def test_a_training_with_seeds_of_its_own_has_no_others_in_any_budget(tmp_path: Path):
@@ -450,10 +450,26 @@ def test_every_training_of_the_shipped_manifest_can_be_run_and_what_it_keeps_is_
     if budget == "laptop":  # it judges nothing that it neither trains nor keeps
         judged = {cell.training for cell in cells(here.manifest, budget)} - {""}
         assert all(name in here.plan.trainings or here.manifest.trainings[name].policies for name in judged)
-        assert "finetuning-fomt" not in judged
     assert {config.seed for config in here.runs("paper-fomt-first").values()} == {0, 1, 2}  # whatever the budget's
     finished = {step.name for step in planned if isinstance(step, Train) and step.is_done()}
-    assert ("train paper-fomt" in finished) == (budget == "laptop")
+    assert ("train paper-fomt" in finished) == (budget != "smoke")
+
+
+def test_a_fine_tuning_begins_with_the_best_of_all_seeds_and_says_how_to_make_its_model_where_a_policy_alone_is_kept(
+    tmp_path: Path,
+):
+    here = Place(manifest=read_manifest(SHIPPED), budget="laptop", out=tmp_path, checkout=ROOT)
+    with pytest.raises(ConfigError) as refused:
+        best_model(here, "paper", "ddpg", "fot")
+    run = best_run(here, "paper", "ddpg", "fot")
+    seed = here.runs("paper")[run].seed
+    assert seed not in here.plan.seeds  # of those that are kept, too
+    called = str(refused.value).partition("drive it again: zebrat ")[2]
+    assert called == f"sweep --algos ddpg --rewards fot --seeds {seed} --preset paper --out {run.parent}"
+    shutil.copytree(here.readable_runs("paper")[run], run)
+    (run / "best.zip").write_bytes(b"a model")
+    again = Place(manifest=here.manifest, budget="laptop", out=tmp_path, checkout=ROOT)
+    assert best_model(again, "paper", "ddpg", "fot") == run / "best.zip"
 
 
 def test_a_set_of_fewer_tracks_than_are_asked_for_is_driven_whole(tmp_path: Path):

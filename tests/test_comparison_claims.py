@@ -340,14 +340,14 @@ def test_beside_finished_runs_one_that_is_not_draws_no_curve():
     assert n_seeds(**made | {"runs": [row | {"state": "partial"} for row in made["runs"]]}) == 5
 
 
-def test_drives_after_fine_tuning_are_kept_apart():
-    rows = episodes("RL_FT", "track_1", HALF) + episodes("RL_FT", "track_1", ALL, study="finetuning")
-    evidence = Evidence(tables(episodes=rows))
-    assert [len(evidence.drives_of(scope, "RL_FT", "track_1")) for scope in ("paper", "finetuned", "scale")] == [
-        40,
-        40,
-        0,
-    ]
+def test_drives_after_fine_tuning_are_kept_apart_by_how_it_was_done():
+    runs = [run(name, reward="ft", study="finetuning", variant=name) for name in ("", "cloning", "of no kind")]
+    rows = episodes("RL_FT", "track_1", HALF)
+    for n, each in enumerate(runs, 1):
+        rows += episodes("RL_FT", "track_1", "s" * n, study="finetuning", run=each["run"])
+    evidence = Evidence(tables(episodes=rows, runs=runs))
+    scopes = ("paper", "finetuned", "cloning", "scale")
+    assert [len(evidence.drives_of(scope, "RL_FT", "track_1")) for scope in scopes] == [40, 1, 2, 0]
 
 
 def test_at_scale_sets_are_compared_over_seeds_and_variants_are_left_out():

@@ -24,11 +24,12 @@ from zebrat_bullet.config_text import with_overrides
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.report.comparison.build import build_report, make_document
-from zebrat_bullet.report.comparison.document import Cards
-from zebrat_bullet.report.comparison.evidence import Evidence
-from zebrat_bullet.report.comparison.numbers import points
+from zebrat_bullet.report.comparison.document import Cards, Grid
+from zebrat_bullet.report.comparison.evidence import TRACKS, Evidence
+from zebrat_bullet.report.comparison.numbers import MISSING, points
 from zebrat_bullet.report.comparison.section_drives import atlas_section, replay_commands
 from zebrat_bullet.report.comparison.section_evaluation import ablation_section
+from zebrat_bullet.report.comparison.section_finetuning import finetuning_section
 from zebrat_bullet.report.comparison.section_run import run_section
 from zebrat_bullet.report.comparison.section_scale import scale_section
 from zebrat_bullet.report.comparison.settings import asked_for, asked_runs
@@ -223,6 +224,33 @@ def test_every_seed_is_shown_in_each_track_and_one_that_has_not_driven_all_has_n
     rows = [tuple(getattr(cell, "text", cell) for cell in row) for row in part.blocks[0].rows]
     assert rows[0] == ("RL_FOMT", "0", "not driven", *["100"] * 7, "50", "6%", "12%")
     assert rows[1] == ("RL_FOMT", "1", "not driven", "33", *["not driven"] * 9)
+
+
+def test_fine_tuning_stands_beside_what_it_began_with_on_the_same_starts():
+    runs, drives = [], []
+    for name, outcomes in (("before", "s" * 5 + "c" * 15), ("", "s" * 20), ("cloning", "s" * 4 + "c" * 16)):
+        study = {"study": "paper" if name == "before" else "finetuning"}
+        runs.append(run(name, **study, variant=name.removeprefix("before")))
+        for place in TRACKS:
+            drives += episodes("RL_FOMT", place, outcomes, **study, run=name)
+    made = finetuning_section(Evidence(tables(runs=runs, episodes=drives)))
+    grid = next(block for block in made.blocks if isinstance(block, Grid))
+    n_worlds = len(TRACKS) + 1
+    by_kind = {row[1].split(",")[1] if "," in row[1] else row[1]: row[2 + n_worlds :] for row in grid.rows}
+    before, after, cloning = ([str(getattr(cell, "text", cell)) for cell in row] for row in by_kind.values())
+    assert before[0].startswith("40 of 160") and before[1:] == ["", "", ""]
+    assert after[:3] == [after[0], "120", "0"] and by_kind[" at the same rates"][3].kind == "good"
+    assert cloning[1:3] == ["0", "8"] and by_kind[" drawn to the actions of its replay"][3].kind == "bad"
+    assert next(iter(grid.rows))[2] == MISSING  # big_track, which nobody drove
+    assert finetuning_section(Evidence(tables(episodes=everyone()))) is None
+
+
+def test_a_fine_tuning_whose_beginning_nobody_drove_is_compared_with_nothing():
+    after = run("after", study="finetuning")
+    rows = episodes("RL_FOMT", "track_1", "sc", study="finetuning", run="after")
+    made = finetuning_section(Evidence(tables(runs=[after], episodes=rows)))
+    (row,) = next(block for block in made.blocks if isinstance(block, Grid)).rows
+    assert row[0] == "RL_FOMT" and row[-4:] == (MISSING,) * 4  # nor has it driven every track
 
 
 def test_longer_runs_stand_by_length_with_a_curve_of_their_own_and_what_they_do_on_held_out_tracks():

@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.comparison.episodes import read_made_by, record_rows, set_rows
-from zebrat_bullet.comparison.policies import EPISODES, Place, best_model, best_rank, runs_by_policy, who_of
+from zebrat_bullet.comparison.policies import EPISODES, MODEL, Place, best_rank, best_run, runs_by_policy, who_of
 from zebrat_bullet.comparison.records import digest, read_records
-from zebrat_bullet.comparison.steps import CASES, MADE_BY, Collisions, Judge, steps, sweep_command
+from zebrat_bullet.comparison.steps import CASES, MADE_BY, Collisions, Judge, steps
 from zebrat_bullet.comparison.tables import COLUMNS, table_of
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.files import refusing
 from zebrat_bullet.training.run_folder import evaluations, is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep import Sweep
+from zebrat_bullet.training.sweep import Sweep, sweep_command
 
 if TYPE_CHECKING:
     from pyarrow import Table
@@ -79,8 +79,8 @@ def _of_one(sweep: Sweep, algo: str, reward: str, seed: int) -> Sweep:
 def _command(place: Place, name: str, sweep: Sweep, folder: Path) -> str:
     if init := place.manifest.trainings[name].init:
         try:
-            model = place.portable(best_model(place, init, sweep.algos[0], sweep.rewards[0]))
-        except ConfigError:  # of kept runs there are logs alone
+            model = place.portable(best_run(place, init, sweep.algos[0], sweep.rewards[0]) / MODEL)
+        except ConfigError:  # none is finished
             model = "RUN/best.zip"
         sweep = replace(sweep, set=(*sweep.set, f"init={model}"))
     return shlex.join(["zebrat", *sweep_command(sweep, place.portable(folder))])

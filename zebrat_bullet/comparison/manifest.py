@@ -27,7 +27,7 @@ class Training:
         algos, rewards, preset, set: as in `zebrat sweep`.
         variant: what it has beside the study's plain runs, such as "crash"; empty for those.
         seeds: those of a budget's that it has; none: all of them.
-        init: name of another training; each algorithm and reward begins with the best policy of its seeds there.
+        init: name of another training; each algorithm and reward begins with the best model of its runs there.
         kept: a folder or zip archive of run folders that exist: finished ones are not run again.
         kept_seeds: of these, in every budget that does not cut the training short.
         policies: of kept runs, a folder of those policies that can be judged: RUN.safetensors.
@@ -155,7 +155,6 @@ class Budget:
         about: in a sentence.
         seeds: of every training, but where that has fewer of its own.
         trainings: those that are run, each with settings that cut it short (none: as the manifest has it).
-        anew: those of them that are run although finished runs are kept.
         judgements: those that are driven, each with what is done of it.
         collisions: the collision study that is driven; None for none.
         records: a folder of tables, "" for none: judged episodes that are kept there are not driven again.
@@ -166,7 +165,6 @@ class Budget:
     about: str
     seeds: tuple[int, ...]
     trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    anew: tuple[str, ...] = ()
     judgements: dict[str, Share] = field(default_factory=dict)
     collisions: Contacts | None = None
     records: str = ""
@@ -175,7 +173,6 @@ class Budget:
         if not self.seeds:
             raise ConfigError("seeds are whole numbers from 0 up, at least one; got none")
         _check_seeds(self.seeds)
-        _known("anew", self.anew, self.trainings)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,12 @@ from tempfile import TemporaryDirectory
 from zebrat_bullet.comparison.gather import reached
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.run import call
-from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train, sweep_command
+from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep import runs_of
+from zebrat_bullet.training.sweep import runs_of, sweep_command
 from zebrat_bullet.training.sweep_run import cores_of
 from zebrat_bullet.world import generate_tracks
 

@@ -2,6 +2,7 @@
 
 import atexit
 import hashlib
+import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ from zebrat_bullet.training.archive import as_folder
 from zebrat_bullet.training.logs import rank
 from zebrat_bullet.training.run_folder import POLICY_FILES, evaluations, is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep import Sweep, runs_of
+from zebrat_bullet.training.sweep import Sweep, runs_of, sweep_command
 
 OUT = Path("runs/comparison")
 """Where a comparison is, as tables and commands name it, wherever it really is."""
@@ -174,21 +175,38 @@ def best_policy(place: Place, name: str, algo: str, reward: str, seed: int | Non
     return max(sorted(found, key=lambda one: one[1]), key=lambda one: one[0])[2]  # the first of equals
 
 
-def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
-    """Return the model that a fine-tuning begins with: that of the best of all seeds which are here and finished.
+def best_run(place: Place, name: str, algo: str, reward: str) -> Path:
+    """Return the run whose best policy a fine-tuning begins with: of all finished ones, here or kept, the best.
 
     Raises:
-        ConfigError: none is here.
+        ConfigError: none is finished.
     """
-    runs = place.runs(name)
-    here = [run for run, at in runs.items() if (run / MODEL).is_file() and is_finished(run)]
-    here = [run for run in here if who_of(run, runs[run]) == (algo, reward)]
-    if not here:
+    configs = place.runs(name)
+    finished = {
+        run: readable
+        for run, readable in place.readable_runs(name).items()
+        if who_of(run, configs[run]) == (algo, reward) and is_finished(readable)
+    }
+    if not finished:
+        raise ConfigError(f"training {name!r} has no model of {algo} under {reward} to begin with: its runs come first")
+    return max(sorted(finished), key=lambda run: best_rank(finished[run]))  # the first of equals
+
+
+def best_model(place: Place, name: str, algo: str, reward: str) -> Path:
+    """Return the model of `best_run`.
+
+    Raises:
+        ConfigError: no run is finished, or the best one is not here: of kept runs there are logs and policies alone.
+    """
+    run = best_run(place, name, algo, reward)
+    if not ((run / MODEL).is_file() and is_finished(run)):
+        seeds = (place.runs(name)[run].seed,)
+        again = replace(place.sweeps(name)[run.parent], algos=(algo,), rewards=(reward,), seeds=seeds)
         raise ConfigError(
-            f"training {name!r} has no {MODEL} of {algo} under {reward} to begin with: its runs come first (of kept "
-            "runs there are logs alone: name it under `anew` in the budget)"
+            f"fine-tuning {algo} under {reward} begins with {MODEL} of {place.run_name(run)}, of which logs and policy "
+            f"alone are kept; drive it again: {shlex.join(['zebrat', *sweep_command(again, str(run.parent))])}"
         )
-    return max(sorted(here), key=best_rank) / MODEL  # the first of equals
+    return run / MODEL
 
 
 def best_rank(run: Path) -> tuple[float, float, float]:

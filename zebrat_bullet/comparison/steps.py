@@ -19,7 +19,7 @@ from zebrat_bullet.evaluation.track_set import TrackSet, read_set
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of
+from zebrat_bullet.training.sweep import MANIFEST, Sweep, read_manifest, runs_of, sweep_command
 
 MADE_BY, SCORES, CASES = "made_by.json", "scores.json", "cases.csv"
 
@@ -74,13 +74,8 @@ class Train:
 
     def missing(self) -> list[Path]:
         """Return the runs that are not finished, here or in what is kept."""
-        anew = self.training in self.place.plan.anew
         readable = self.place.readable_runs(self.training)
-        return [
-            run
-            for run in runs_of(self.sweep, self.folder)
-            if not is_finished(run) and (anew or not is_finished(readable[run]))
-        ]
+        return [run for run in runs_of(self.sweep, self.folder) if not is_finished(readable[run])]
 
     def is_done(self) -> bool:
         """Return whether every run came to its end."""
@@ -105,16 +100,6 @@ class Train:
             (algo,), (reward,) = sweep.algos, sweep.rewards
             sweep = replace(sweep, set=(*sweep.set, f"init={best_model(self.place, init, algo, reward)}"))
         return [*sweep_command(sweep, str(self.folder)), *(("--ray", self.ray) if self.ray else ()), "--quiet"]
-
-
-def sweep_command(sweep: Sweep, folder: str) -> list[str]:
-    """Return what `zebrat` is called with for a sweep."""
-    return [
-        *("sweep", "--algos", *sweep.algos, "--rewards", *sweep.rewards),
-        *("--seeds", *map(str, sweep.seeds), "--preset", sweep.preset),
-        *(("--set", *sweep.set) if sweep.set else ()),
-        *("--out", folder),
-    ]
 
 
 @dataclass(frozen=True, kw_only=True)

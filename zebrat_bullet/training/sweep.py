@@ -143,6 +143,16 @@ def runs_of(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     return runs
 
 
+def sweep_command(sweep: Sweep, folder: str) -> list[str]:
+    """Return what `zebrat` is called with for a sweep."""
+    return [
+        *("sweep", "--algos", *sweep.algos, "--rewards", *sweep.rewards),
+        *("--seeds", *map(str, sweep.seeds), "--preset", sweep.preset),
+        *(("--set", *sweep.set) if sweep.set else ()),
+        *("--out", folder),
+    ]
+
+
 def _labels(training: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """Return a name for the worlds of each run; of those alike the first keeps it, so that a sweep may grow."""
     made: dict[tuple[str, ...], str] = {}

@@ -15,6 +15,7 @@ from zebrat_bullet.report.comparison.markdown import write_markdown
 from zebrat_bullet.report.comparison.section_claims import claims_section
 from zebrat_bullet.report.comparison.section_drives import atlas_section, manoeuvre_section, paths_section
 from zebrat_bullet.report.comparison.section_evaluation import ablation_section, evaluation_section
+from zebrat_bullet.report.comparison.section_finetuning import finetuning_section
 from zebrat_bullet.report.comparison.section_run import run_section
 from zebrat_bullet.report.comparison.section_scale import rivals_section, scale_section
 from zebrat_bullet.report.comparison.section_training import collision_section, curve_section
@@ -50,6 +51,7 @@ def make_document(tables: Mapping[str, Any], manifest: Manifest, notes: str = ""
     evidence = Evidence(tables)
     claims, lead = claims_section(evidence)
     in_short, _, notes = notes.rpartition(IN_SHORT)
+    finetuned = finetuning_section(evidence)
     learned = (Section("What was learned, and why", (Text(notes),)),) if notes.strip() else ()
     sections = (
         words_section(),
@@ -61,6 +63,7 @@ def make_document(tables: Mapping[str, Any], manifest: Manifest, notes: str = ""
         curve_section(evidence),
         evaluation_section(evidence),
         ablation_section(evidence),
+        *((finetuned,) if finetuned else ()),
         scale_section(evidence),
         rivals_section(evidence),
         manoeuvre_section(evidence),

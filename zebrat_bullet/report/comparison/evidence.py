@@ -25,8 +25,10 @@ METHODS = ("DWA", "TEB", "IL", "RL_WG", "RL_FT", "RL_FOT", "RL_FOMT")
 OURS = "RL_FOMT"
 Way = NDArray[np.float32]
 """(N, 2) places of the body centre in m, world frame."""
-Scope = Literal["paper", "finetuned", "scale"]
-"""At the paper's budget, before its fine-tuning or after; or at scale, and with fairer rivals."""
+Scope = Literal["paper", "finetuned", "cloning", "scale"]
+"""At the paper's budget, before its fine-tuning, after it, or after it with cloning; at scale, with fairer rivals."""
+_OF_FINETUNING: dict[str, Scope] = {"": "finetuned", "cloning": "cloning"}
+"""By the variant of the run."""
 PAPER_SETTINGS = {"DWA": ("radius 0.3", "radius 0.5"), "TEB": ("radius 0.3", "radius 0.5"), "IL": ("10,049 pairs",)}
 """Of the methods that are not trained here, what the paper compares; anything else of them is a fairer rival."""
 
@@ -165,10 +167,7 @@ class Evidence:
     def is_asked(self, scope: Scope, method: str) -> bool:
         """Return whether a set is trained in a scope at all, finished or not; of what is not trained here True."""
         reward = method.removeprefix("RL_").lower()
-        studies = {"paper": "paper", "finetuned": "finetuning", "scale": "scale"}
-        return reward == method.lower() or any(
-            (run["study"], run["reward"]) == (studies[scope], reward) for run in self.runs
-        )
+        return reward == method.lower() or any((run["study"], run["reward"]) == (scope, reward) for run in self.runs)
 
     def _rank(self, run: str | None) -> tuple[float, float, float]:
         """Return the order in which runs are better: their best policy's success, collisions and time, as it judged."""
@@ -190,10 +189,13 @@ class Evidence:
         if drive.study == "rivals":
             known = drive.setting in PAPER_SETTINGS.get(drive.method, ())
             return "paper" if known and not drive.noise else "scale"
-        if drive.noise or self.variant(drive.run):
+        variant = self.variant(drive.run)
+        if drive.study == "finetuning" and not drive.noise:
+            return _OF_FINETUNING.get(variant)
+        if drive.noise or variant:
             return None
-        if drive.study in ("paper", "finetuning") and self.algorithm(drive.run) in ("", "ddpg"):
-            return "paper" if drive.study == "paper" else "finetuned"
+        if drive.study == "paper" and self.algorithm(drive.run) in ("", "ddpg"):
+            return "paper"
         return "scale" if drive.study == "scale" else None
 
     def drives_of(self, scope: Scope, method: str, place: str) -> list[Drive]:

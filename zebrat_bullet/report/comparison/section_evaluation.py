@@ -43,9 +43,6 @@ def evaluation_section(evidence: Evidence) -> Section:
     )
     blocks: list[Block] = [said, *comparison_blocks(evidence, "paper", METHODS, "evaluation")]
     parts = [_tests(evidence)]
-    if any(evidence.shown("finetuned", name, place) for name in METHODS for place in WORLDS):
-        tuned = comparison_blocks(evidence, "finetuned", METHODS, "finetuned")
-        parts.append(Section("After 500 episodes of fine-tuning", tuple(tuned)))
     if real := _real(evidence):
         parts.append(real)
     return Section("Evaluation in the tracks", tuple(blocks), tuple(parts))

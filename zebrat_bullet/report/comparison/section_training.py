@@ -65,7 +65,7 @@ def curve_section(evidence: Evidence) -> Section:
             "Success in noise-free evaluations while fine-tuning",
             success,
             _finetuning,
-            "reward",
+            "variant",
             "episode",
         ),
         (
