@@ -140,7 +140,7 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("ros", "drive", "--world", "track_3", "--policy", "x"), "--world is for `zebrat ros sim`"),
         (("ros", "sim", "--policy", "x"), "--policy is for `zebrat ros drive`"),
         (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
-        (("replay", "/nonexistent/x.npz", "--robot", "long"), "a record is driven by its own car"),
+        (("evaluate", "--robot", "cars/x.urdf"), "if the car's file has moved, --robot says where it lies"),
         (("replay", "x.npz", "--agent", "a", "--lidar-topic", "/b"), "--agent, --lidar-topic can only be heeded with"),
         (("replay", "x.npz", "--tolerance", "1", "1", "--delay", "1"), "--delay, --tolerance can only be heeded with"),
     ],
@@ -294,3 +294,23 @@ def test_what_is_wrong_with_a_car_that_is_listed_is_said_of_that_car(tmp_path, c
 @pytest.mark.parametrize("degrees", ["361", "-359"])
 def test_a_start_of_more_than_a_turn_is_in_degrees_all_the_same(degrees, capfd):
     assert main(["worlds", "track_2", "--start", "1.5", "0", degrees]) == 0, capfd.readouterr().err
+
+
+def test_a_reader_that_is_gone_costs_nothing_and_a_full_or_closed_output_is_told(tmp_path):
+    def shell(command: str) -> subprocess.CompletedProcess:
+        call = f"set -o pipefail; {sys.executable} -m zebrat_bullet worlds track_2 {command}"
+        return subprocess.run(["bash", "-c", call], capture_output=True, text=True)
+
+    for command in ("--json | true", ">&-"):
+        done = shell(command)
+        assert (done.returncode, done.stdout) == (0, "") and "Traceback" not in done.stderr
+    full = shell("> /dev/full")
+    assert full.returncode == 2
+    assert full.stderr.splitlines()[-1] == ("zebrat worlds: standard output cannot be written: No space left on device")
+
+
+def test_what_lies_in_a_checkout_alone_is_named_as_such_where_there_is_none(tmp_path):
+    for command, option in (("report", "records"), ("imitate", "demonstrations")):
+        done = zebrat(command, check=False, cwd=tmp_path)
+        assert done.returncode == 2
+        assert f"of a checkout is not here; run it in a checkout, or name another with --{option}" in done.stderr

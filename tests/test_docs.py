@@ -195,6 +195,12 @@ def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
         assert cells[15] == ", ".join(f"{at['width mastered, m'][turn]:.3f}" for turn in ("90", "180")), seed
 
 
+def test_every_extra_is_in_the_table_of_extras() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    told = re.findall(r"^\| `(\w+)` \|", (DOCS / "installing.md").read_text(), re.MULTILINE)
+    assert sorted(told) == sorted(extras)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_five_minute_start_does_what_it_says(

@@ -44,7 +44,7 @@ ORDER = [
         "report",
     ),
     *("bench", "ros", "recording"),
-    *("pytest_plugin", "cli"),
+    *("pytest_plugin", "cli", "__main__"),
 ]
 ALLOWED = {
     "pybullet": {"sim", "sensing", "bench"},

@@ -142,6 +142,8 @@ def test_another_car_has_no_share_in_the_certified_times(short: Path, tmp_path: 
     scores = judge(what)
     rows = {certified: score_table(scores, certified).splitlines()[-1].split("|") for certified in (True, False)}
     assert float(rows[True][7]) > 5 and rows[False][7].strip() == "-"
+    own = score_table({"h|<b>.yaml": scores["track_2"]}).splitlines()[-1]
+    assert own.startswith(r"| h\|<b>.yaml | ")  # its bar begins no other cell
 
 
 def test_what_there_is_of_a_refused_world_is_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """A policy is judged under the task that it was trained on, and what differs from the default is said."""
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,13 +9,15 @@ import numpy as np
 import pytest
 from own_cars import ROS_JOINTS, OwnCar
 
+from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import LidarConfig, PhysicsConfig, SafetyRegionConfig, TaskConfig
 from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.evaluation.records import load_record
-from zebrat_bullet.robot import load_robot, named_robot
+from zebrat_bullet.notes import Note
+from zebrat_bullet.robot import fitted, load_robot, named_robot
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.observation import observation_spec
 
@@ -83,6 +86,33 @@ def test_the_car_of_training_is_judged_unless_another_is_named_and_replayed_from
     assert main(["replay", str(tmp_path / "a" / "records" / "track_2" / "episode_0000.npz"), "--json"]) == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["exact"]
     assert load_policy(str(policy)).provenance["config"]["task"]["robot"] == name
+
+
+def test_a_record_whose_car_has_moved_replays_where_it_lies_now_and_with_no_other_car(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    judged_task(["--agent", "random", "--robot", str(mine)], tmp_path / "a")
+    record = str(tmp_path / "a" / "records" / "track_2" / "episode_0000.npz")
+    moved = mine.rename(tmp_path / "moved.urdf")
+    capfd.readouterr()
+    assert main(["replay", record]) == 2
+    assert "--robot says where it lies" in capfd.readouterr().err
+    assert main(["replay", record, "--robot", str(moved)]) == 0
+    assert main(["replay", record, "--robot", "long"]) == 2
+    assert "left the recorded path" in capfd.readouterr().err
+
+
+def test_what_has_changed_of_the_car_since_the_training_is_noted(tmp_path: Path) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    task = fitted(replace(TaskConfig(), robot=str(mine)))
+    policy = str(policy_of(task, tmp_path / "own.safetensors"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_agent(policy, task)
+    OwnCar(hinge_limit='<limit lower="-0.3" upper="0.3" effort="5" velocity="6"/>').write(tmp_path, "mine.urdf")
+    with pytest.warns(Note, match=r"now max_steering_rad 0\.2\d+ instead of 0\.\d+"):
+        load_agent(policy, task)
 
 
 def test_networks_of_another_car_are_refused_in_our_words(tmp_path: Path) -> None:

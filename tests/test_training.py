@@ -21,6 +21,7 @@ import torch
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
+from zebrat_bullet.assets import find_asset
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, TaskConfig
 from zebrat_bullet.config_text import from_json, overrides_of, to_json, with_overrides
@@ -202,6 +203,18 @@ def test_environments_in_processes_of_their_own_change_no_number(algo, tmp_path)
     train(replace(config, overlap=True), tmp_path / "several")
     one, two = (load_file(tmp_path / name / "last.safetensors") for name in ("one", "several"))
     assert all(np.array_equal(one[key], two[key]) for key in one)
+
+
+def test_a_run_resumed_from_another_folder_goes_on_in_its_own_world(tmp_path, monkeypatch):
+    text = find_asset("worlds", "track_2", ".yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    train(replace(TINY, worlds=("mine.yaml",), eval_worlds=("mine.yaml", "track_1"), episodes=1), Path("run"))
+    config = json.loads(Path("run/config.json").read_text())
+    assert config["worlds"] == [f"{tmp_path}/mine.yaml"] and config["eval_worlds"] == [
+        f"{tmp_path}/mine.yaml",
+        "track_1",
+    ]
 
 
 def test_a_collapse_is_named_and_its_episode_kept_and_the_run_goes_on(tmp_path):

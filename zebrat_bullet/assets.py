@@ -29,7 +29,8 @@ def find_asset(kind: str, name: str, suffix: str) -> Path:
     if is_file(name):
         return Path(name)
     known = ", ".join(list_assets(kind, suffix)) or "none"
-    raise AssetError(f"no {kind} named {shown(name)!r} and no file at that path; shipped are: {known}")
+    moved = "; if the car's file has moved, --robot says where it lies" if kind == "urdf" and "/" in name else ""
+    raise AssetError(f"no {kind} named {shown(name)!r} and no file at that path; shipped are: {known}{moved}")
 
 
 def list_assets(kind: str, suffix: str) -> list[str]:

@@ -19,6 +19,11 @@ R = TypeVar("R")
 _WAITING = 3
 
 
+def usable_cores() -> int:
+    """Return how many processes keep busy all cores that this one may use, as many as a pool takes at most."""
+    return min(len(os.sched_getaffinity(0)), MOST_WORKERS)
+
+
 def in_order(work: Callable[[T], R], things: Iterable[T], workers: int, batch: int = 1) -> Iterator[R]:
     """Yield the result of each thing, in their order; a consumer that stops early stops the processes too.
 

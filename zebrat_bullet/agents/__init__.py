@@ -1,9 +1,12 @@
 """Drivers behind one protocol, and the way to get one by name or file."""
 
 import json
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent, NoisyAgent, RandomAgent
 from zebrat_bullet.agents.own import load_own
@@ -13,12 +16,15 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_json, with_overrides
 from zebrat_bullet.errors import AssetError, ConfigError, PolicyError
 from zebrat_bullet.files import is_file, shown
+from zebrat_bullet.notes import Note
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
 __all__ = ["PRIVILEGES", "Agent", "code_or_weights", "load_agent", "trained_task"]
 
 _CODE = ".py"
+_CLOSE = 1e-3
+"""m, m/s and rad by which a car may differ from that of a training."""
 Factory = Callable[[TaskConfig, Sequence[str]], Agent]
 """Makes an agent for a task, its config varied by "key=value" texts; imports what it needs only then."""
 
@@ -40,7 +46,7 @@ def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) ->
     task = fitted(task)
     agent = _load(name_or_path, task)
     if isinstance(agent, PolicyAgent):
-        _check_bearings(agent, task)
+        _check_car(agent, task)
     if noise_sigma == 0.0:
         return agent
     return NoisyAgent(agent, noise_sigma, task.physics.max_speed_mps, task.physics.max_steering_rad)
@@ -101,12 +107,18 @@ def _load_policy(name_or_path: str) -> PolicyAgent:
         ) from error
 
 
-def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
-    """Refuse a policy whose inputs would mean something else on this car, though there be as many of them."""
+def _check_car(policy: PolicyAgent, task: TaskConfig) -> None:
+    """Refuse a policy whose inputs would mean something else on this car, though there be as many of them.
+
+    Of the very car of its training note what has changed since.
+    """
     trained_on: Any = policy.provenance
     for key in ("config", "task", "robot"):
         trained_on = trained_on.get(key) if isinstance(trained_on, dict) else None
-    if trained_on in (None, task.robot):
+    if trained_on is None:
+        return
+    if trained_on == task.robot:
+        _note_changes(policy, task)
         return
     try:
         cars = load_robot(str(trained_on)), load_robot(task.robot)
@@ -118,6 +130,25 @@ def _check_bearings(policy: PolicyAgent, task: TaskConfig) -> None:
             f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "
             f"those of {task.robot!r}; train one: zebrat train --robot {task.robot}"
         )
+
+
+def _note_changes(policy: PolicyAgent, task: TaskConfig) -> None:
+    seen, now = policy.observation, task.physics
+    watched = make_region(load_robot(task.robot), task.region, task.lidar.n_bearings).range_m
+    changed = [
+        f"{name} {value:g} instead of {then:g}"
+        for name, value, then in (
+            ("max_speed_mps", now.max_speed_mps, seen.max_speed_mps),
+            ("max_steering_rad", now.max_steering_rad, seen.max_steering_rad),
+        )
+        if abs(value - then) > _CLOSE
+    ]
+    gaps = seen.gap_ranges_m
+    if len(gaps) == len(watched) and not np.allclose(watched, gaps, rtol=0.0, atol=_CLOSE):
+        changed.append("another safety region")
+    if changed:
+        said = f"since the policy {policy.name!r} was trained, its car or task has changed: now {', '.join(changed)}"
+        warnings.warn(Note(said), stacklevel=3)
 
 
 def _random(task: TaskConfig, settings: Sequence[str]) -> Agent:

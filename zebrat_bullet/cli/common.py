@@ -81,6 +81,13 @@ def name_robot(arguments: argparse.Namespace) -> None:
         raise ConfigError(f"{' '.join(settings)} says something of a car, but of which? Give --robot FILE too")
 
 
+def require_default(arguments: argparse.Namespace, name: str) -> None:
+    """Raise unless what an option names is there, where it was left out: its default lies in a checkout alone."""
+    path = Path(getattr(arguments, name))
+    if name not in arguments.given and not path.exists():
+        raise ConfigError(f"{path} of a checkout is not here; run it in a checkout, or name another with --{name}")
+
+
 def given(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
     """Return those of the options that were given, as they are written.
 

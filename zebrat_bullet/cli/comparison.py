@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note
+from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, require_default
 from zebrat_bullet.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def report(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.comparison.manifest import SHIPPED, read_manifest
     from zebrat_bullet.report.comparison import build_report
 
+    require_default(arguments, "records")
     out = arguments.out or Path("results") / "report.html"
     written = build_report(arguments.records, out, read_manifest(arguments.manifest or SHIPPED))
     size_mb = sum(path.stat().st_size for path in written) / 1e6

@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 
 from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, task_of
 from zebrat_bullet.cli.options import agents_option, randomise_option, reward_options, task_options, workers_option
+from zebrat_bullet.processes import usable_cores
 
 
 def families(arguments: argparse.Namespace) -> Result:
@@ -25,7 +25,7 @@ def families(arguments: argparse.Namespace) -> Result:
             tracks=arguments.tracks,
             starts=arguments.episodes,
             seed=arguments.seed,
-            workers=arguments.workers or len(os.sched_getaffinity(0)),
+            workers=arguments.workers or usable_cores(),
             on_family=lambda family, done: bar.update(shown, description=family, completed=done),
         )
     result = {agent: {family: at.as_dict() for family, at in of.items()} for agent, of in scores.items()}

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -21,6 +20,7 @@ from zebrat_bullet.cli.common import (
 from zebrat_bullet.cli.options import workers_option
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.outputs import require_writable
+from zebrat_bullet.processes import usable_cores
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -168,7 +168,7 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
 
 
 def _workers(arguments: argparse.Namespace) -> int:
-    return arguments.workers or len(os.sched_getaffinity(0))
+    return arguments.workers or usable_cores()
 
 
 def add(command: AddCommand) -> None:

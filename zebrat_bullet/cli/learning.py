@@ -1,7 +1,6 @@
 """The commands that learn or gather what is learnt from: train, demonstrate, imitate, teleop."""
 
 import argparse
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from zebrat_bullet.cli.common import (
     note,
     placed,
     progress_bar,
+    require_default,
     require_no_settings,
     task_of,
     told_when_stopped,
@@ -30,6 +30,7 @@ from zebrat_bullet.cli.options import (
     workers_option,
 )
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.processes import usable_cores
 
 
 def train(arguments: argparse.Namespace) -> Result:
@@ -155,7 +156,7 @@ def _demonstrate_generated(arguments: argparse.Namespace) -> Result:
             how,
             arguments.generated,
             out,
-            arguments.workers or len(os.sched_getaffinity(0)),
+            arguments.workers or usable_cores(),
             lambda tracks, pairs: bar.update(shown, completed=tracks, description=f"tracks, {pairs} pairs"),
         )
     ends = ", ".join(f"{n} {name}" for name, n in done.items() if name not in ("pairs", "tracks") and n)
@@ -173,6 +174,7 @@ def imitate(arguments: argparse.Namespace) -> Result:
         require_no_settings(arguments, folder, "seed")
         run.resume_imitation(folder, lambda said: note(arguments, said))
     else:
+        require_default(arguments, "demonstrations")
         config = ImitationConfig(
             demonstrations=arguments.demonstrations,
             iterations=arguments.dagger or 0,

@@ -83,8 +83,20 @@ def main(argv: list[str] | None = None) -> int:
                 )
                 return 2
             return _ours(error, arguments)
-        print(json.dumps(result) if arguments.json else text, file=stdout)
-    return status
+        return _say(json.dumps(result) if arguments.json else text, stdout, arguments.command) or status
+
+
+def _say(text: str, stdout: TextIO, command: str) -> int:
+    """Print what a command returns; the work is done, whoever has stopped to listen. Return 2 if it finds no room."""
+    try:
+        print(text, file=stdout, flush=True)
+    except OSError as error:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stdout.fileno())  # for what is left of it
+        if not isinstance(error, BrokenPipeError):
+            print(f"zebrat {command}: standard output cannot be written: {error.strerror}", file=sys.stderr)
+            return 2
+    return 0
 
 
 def _parse(argv: list[str]) -> argparse.Namespace:
@@ -134,6 +146,9 @@ def _cannot_write(error: OSError, arguments: argparse.Namespace) -> bool:
 @contextmanager
 def _real_stdout() -> Iterator[TextIO]:
     """Yield the true standard output while all else that is written there, PyBullet's greeting too, goes to stderr."""
+    if sys.stdout is None:  # closed by the caller
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        sys.stdout = os.fdopen(1, "w", closefd=False)
     sys.stdout.flush()
     saved = os.dup(1)
     os.dup2(2, 1)

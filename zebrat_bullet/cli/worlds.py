@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from zebrat_bullet.assets import list_assets
 from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, picture, placed, robot_settings
 from zebrat_bullet.cli.options import place_options
 from zebrat_bullet.errors import ConfigError, PlanError, WorldError, ZebratError
+from zebrat_bullet.processes import usable_cores
 
 if TYPE_CHECKING:
     from zebrat_bullet.config import SafetyRegionConfig
@@ -187,7 +187,7 @@ def _certify(
     from zebrat_bullet.planning.certificate import Certificate, save_certificate
     from zebrat_bullet.planning.certify import certify_all
 
-    workers = min(len(os.sched_getaffinity(0)), -(-len(worlds) // _WORLDS_A_PROCESS))
+    workers = min(usable_cores(), -(-len(worlds) // _WORLDS_A_PROCESS))
     for world, answer in zip(worlds, certify_all(worlds, robot, workers=workers), strict=True):
         if not isinstance(answer, Certificate):
             proven = isinstance(answer, PlanError) and answer.proven

@@ -1,6 +1,5 @@
 """What a budget will run, how long that takes on this machine, and what will be missing: said before it starts."""
 
-import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -10,6 +9,7 @@ from zebrat_bullet.comparison.gather import reached
 from zebrat_bullet.comparison.measure import A_SET, CONTACT, START, at_once, driver_kind, track_kind, training_kind
 from zebrat_bullet.comparison.policies import Place
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
+from zebrat_bullet.processes import usable_cores
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of
 
@@ -44,7 +44,7 @@ def forecast(place: Place, planned: Sequence[Step], to_do: Sequence[Step], speed
         + (f"about {_time(hours[group])}" + (", and what was not measured" if group in unknown else ""))
         for group, n in counts.items()
     ]
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     if to_do:
         lines.append(f"in all about {_time(sum(hours.values()))} on the {cores} cores here, as fast as they are now")
     if missing := _missing(place):
@@ -59,7 +59,7 @@ def _group(step: Step) -> str:
 
 
 def _seconds(place: Place, step: Step, speed: Mapping[str, float]) -> float | None:
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     if isinstance(step, Collisions):
         return None if CONTACT not in speed else speed[CONTACT] * step.what.events
     if isinstance(step, Judge):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from zebrat_bullet.comparison.steps import Step
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.processes import usable_cores
 from zebrat_bullet.training.sweep_run import claim
 
 LOGS = "logs"
@@ -38,7 +39,7 @@ def run_steps(
     Raises:
         ConfigError: another process runs a comparison in this folder.
     """
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     failed: dict[str, str] = {}
     running: list[_Running] = []
 

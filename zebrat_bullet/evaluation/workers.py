@@ -1,16 +1,16 @@
 """Processes to spread independent jobs over: one a core, one thread each."""
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 
 from threadpoolctl import threadpool_limits
 
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.notes import say_notes_in_a_line
-from zebrat_bullet.processes import MOST_WORKERS, end_with_parent
+from zebrat_bullet.processes import MOST_WORKERS, end_with_parent, usable_cores
 
 
 @contextmanager
@@ -21,13 +21,18 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
 
     Raises:
         ConfigError: fewer than one process was asked for.
+        ZebratError: one was killed from outside.
     """
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise ConfigError(f"the work takes at least 1 worker process, got {workers}; and at most {MOST_WORKERS}")
-    n = min(workers or os.cpu_count() or 1, max(n_jobs, 1))
+    n = min(workers or usable_cores(), max(n_jobs, 1))
     with ProcessPoolExecutor(n, get_context("spawn"), _begin) as pool:
         try:
             yield pool
+        except BrokenProcessPool as error:
+            raise ZebratError(
+                "a worker process was killed, most often for want of memory; ask for fewer --workers or more memory"
+            ) from error
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -48,13 +48,13 @@ def comparison_table(scores: Mapping[str, Mapping[str, Score]], certified: bool 
     """
     worlds = list(next(iter(scores.values())))
     rows = [
-        f"| agent | beyond the lidar | {' | '.join(worlds)} |",
+        f"| agent | beyond the lidar | {' | '.join(map(_name, worlds))} |",
         "|---" * (len(worlds) + 2) + "|",
     ]
     for agent, of_agent in scores.items():
         cells = [_cell(of_agent[world]) for world in worlds]
         given = ", ".join(of_agent[worlds[0]].privileged) or "-"
-        rows.append(f"| {agent} | {given} | {' | '.join(cells)} |")
+        rows.append(f"| {_name(agent)} | {given} | {' | '.join(cells)} |")
     rows.append(f"| least possible | | {' | '.join(_least_time(w, certified) for w in worlds)} |")
     return "\n".join(rows)
 
@@ -140,11 +140,16 @@ def robots_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             continue
         lidar = ", ".join(f"{value:.2f}" for value in at["lidar_m"])
         rows.append(
-            f"| {name} | {at['length_m']:.2f} x {at['width_m']:.2f} | {at['corners']} | {at['wheelbase_m']:.2f} m "
-            f"| {at['turning_radius_m']:.2f} m | {lidar} | {at['bearings']} |"
+            f"| {_name(name)} | {at['length_m']:.2f} x {at['width_m']:.2f} | {at['corners']} "
+            f"| {at['wheelbase_m']:.2f} m | {at['turning_radius_m']:.2f} m | {lidar} | {at['bearings']} |"
         )
     notes = [f"{name}: {note}" for name, at in summaries.items() for note in at["notes"]]
     return "\n".join([*rows, *([""] if notes else []), *notes])
+
+
+def _name(name: str) -> str:
+    """Return a name as it may stand in a cell: of the user's own file it may hold anything."""
+    return name.replace("|", r"\|").replace("\n", " ")
 
 
 def _row(world: str, score: Score, certified: bool) -> str:
@@ -153,6 +158,6 @@ def _row(world: str, score: Score, certified: bool) -> str:
     causes = ", ".join(f"{count} {cause}" for cause, count in score.causes.items() if cause != "success") or "-"
     least = _least_time(world, certified)
     return (
-        f"| {world} | {score.success:.0%} | {low:.0%}-{high:.0%} | {score.collision:.0%} | {score.fail:.0%} "
+        f"| {_name(world)} | {score.success:.0%} | {low:.0%}-{high:.0%} | {score.collision:.0%} | {score.fail:.0%} "
         f"| {time} | {least} | {score.episodes} | {causes} | {', '.join(score.privileged) or '-'} |"
     )

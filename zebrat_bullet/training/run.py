@@ -1,7 +1,6 @@
 """One training run, from its settings to its folder: config, versions, episode log, best and last policy."""
 
 import json
-import os
 import platform
 import subprocess
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from zebrat_bullet.files import refusing
 from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import find_device
+from zebrat_bullet.processes import usable_cores
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.task.trail import PARTS
 from zebrat_bullet.training.callbacks import Progress, RunCallback
@@ -37,7 +37,7 @@ from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpo
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.vec_env import OverlappedVecEnv, learn_meanwhile, make_vec_env
-from zebrat_bullet.world import generate_tracks
+from zebrat_bullet.world import anywhere, generate_tracks
 
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
 
@@ -63,12 +63,23 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     training_worlds(config.worlds, config.task)
     judging_worlds(config.eval_worlds, config.task)
     require_init(config)
-    config = replace(config, task=replace(config.task, robot=named_robot(config.task.robot)))
+    config = _from_any_folder(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config))
     (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
     _run_where(config)(config, folder, on_progress, resume=False)
     _finish(folder)
+
+
+def _from_any_folder(config: TrainConfig) -> TrainConfig:
+    """Return the config with the user's own files named so that a run resumed from elsewhere finds the same ones."""
+    return replace(
+        config,
+        worlds=tuple(map(anywhere, config.worlds)),
+        eval_worlds=tuple(map(anywhere, config.eval_worlds)),
+        init=str(Path(config.init).resolve()) if config.init else "",
+        task=replace(config.task, robot=named_robot(config.task.robot)),
+    )
 
 
 def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
@@ -140,7 +151,7 @@ def _run_in_bullet(config: TrainConfig, folder: Path, on_progress: Callable[[Pro
 def _run_on_plane(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], None], resume: bool) -> None:
     assert config.planar is not None
     torch.set_num_threads(config.threads)
-    planar, algo, workers = config.planar, config.learner.algo, len(os.sched_getaffinity(0))
+    planar, algo, workers = config.planar, config.learner.algo, usable_cores()
     if algo in DISCRETE:
         raise ConfigError(f"planar cars take continuous actions, {algo} has none; choose ppo, ddpg or sac")
     find_device(planar.device)  # before minutes go into tracks

@@ -10,14 +10,14 @@ from typing import Any
 from zebrat_bullet.config import MOST_SEED, within
 from zebrat_bullet.config_text import from_json, read_config, to_json, with_overrides
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.files import is_file, read_yaml, refusing, shown
+from zebrat_bullet.files import read_yaml, refusing, shown
 from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.places import judging_worlds, training_worlds
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
-from zebrat_bullet.world import parse_reference
+from zebrat_bullet.world import anywhere, parse_reference
 
 AXES = ("algos", "rewards", "worlds", "seeds")
 MANIFEST = "manifest.json"
@@ -58,13 +58,8 @@ class Sweep:
         if n_runs > MOST_RUNS:
             raise ConfigError(f"a sweep has at most {MOST_RUNS} runs, these axes make {n_runs}; split it")
         # A worker of the cluster has another working directory.
-        object.__setattr__(self, "worlds", tuple(_anywhere(world) for world in self.worlds))
+        object.__setattr__(self, "worlds", tuple(anywhere(world) for world in self.worlds))
         object.__setattr__(self, "robot", named_robot(self.robot))
-
-
-def _anywhere(world: str) -> str:
-    reference = parse_reference(world)
-    return str(replace(reference, name=str(Path(reference.name).resolve()))) if is_file(reference.name) else world
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

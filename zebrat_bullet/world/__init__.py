@@ -11,7 +11,7 @@ from zebrat_bullet.world.generate import (
 )
 from zebrat_bullet.world.goal import require_winnable
 from zebrat_bullet.world.load import WorldNote, load_world, load_worlds, sketch_world
-from zebrat_bullet.world.reference import parse_reference, unique_names, world_labels
+from zebrat_bullet.world.reference import anywhere, parse_reference, unique_names, world_labels
 from zebrat_bullet.world.summary import world_summary
 from zebrat_bullet.world.world import Mesh, Start, World
 
@@ -22,6 +22,7 @@ __all__ = [
     "Start",
     "World",
     "WorldNote",
+    "anywhere",
     "check_family",
     "difficulty_of",
     "generate_spec",

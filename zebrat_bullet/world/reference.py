@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from zebrat_bullet.errors import WorldError
-from zebrat_bullet.files import shown
+from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.elements import MOST_COORDINATE_M
 
@@ -142,3 +142,9 @@ def _checked(key: str, values: Sequence[object]) -> tuple[float, ...]:
         got = shown(",".join(map(str, values)))
         raise WorldError(f"{key}: takes {shape}, numbers within {MOST_COORDINATE_M:g} of 0, got {got}; correct it")
     return numbers
+
+
+def anywhere(world: str) -> str:
+    """Return the name of a world, good from any folder: a user's own file by its whole path."""
+    reference = parse_reference(world)
+    return str(replace(reference, name=str(Path(reference.name).resolve()))) if is_file(reference.name) else world

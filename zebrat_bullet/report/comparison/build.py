@@ -8,6 +8,7 @@ from zebrat_bullet.comparison.manifest import Manifest
 from zebrat_bullet.comparison.tables import read_tables
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import read_text, shown
+from zebrat_bullet.outputs import require_writable, written_whole
 from zebrat_bullet.report.comparison.document import Document, Section, Text
 from zebrat_bullet.report.comparison.evidence import Evidence
 from zebrat_bullet.report.comparison.html import write_html
@@ -92,15 +93,17 @@ def build_report(records: Path, out: Path, manifest: Manifest) -> list[Path]:
         raise ConfigError(
             f"a report is written as {' or '.join(FORMATS)}; got {shown(out.name)!r}, name --out FILE.html"
         )
+    require_writable(out)
     tables = read_tables(records)
     notes = read_text(records / NOTES, ConfigError) if (records / NOTES).exists() else ""
     document = make_document(tables, manifest, notes)
-    out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".html":
-        out.write_text(write_html(document))
+        with written_whole(out) as part:
+            part.write_text(write_html(document))
         return [out]
     folder = out.with_name(f"{out.stem}_pictures")
-    out.write_text(write_markdown(document, folder.name))
+    with written_whole(out) as part:
+        part.write_text(write_markdown(document, folder.name))
     folder.mkdir(exist_ok=True)
     written = [out]
     for section in document.sections:
