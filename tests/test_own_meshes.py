@@ -121,6 +121,42 @@ def test_low_walls_are_refused_unless_declared_and_then_known_as_low(load: Calla
     assert load(room(height=0.8)).low_obstacles.is_empty
 
 
+@pytest.mark.parametrize(("bottom", "top"), [(0.0, 0.09), (0.03, 0.06), (0.23, 0.27), (0.405, 0.41), (0.72, 0.76)])
+def test_what_lies_between_the_heights_at_which_a_mesh_is_cut_is_a_low_wall(
+    load: Callable[..., World], bottom: float, top: float
+) -> None:
+    shelf = trimesh.util.concatenate([room(), box(5, 0, bottom, (0.2, 4, top - bottom))])
+    with pytest.raises(WorldError, match=rf"\(5\.10, 2\.00\) ends {top:.2g} m above.*low: true"):
+        load(shelf)
+    world = load(shelf, keys="low: true")
+    assert world.low_obstacles.bounds == pytest.approx((5.0, 0.0, 5.2, 4.0), abs=1e-4)
+    assert world.walls.area == pytest.approx(WALLS_M2 + 0.8, rel=1e-3)
+
+
+def test_a_bar_thinner_than_walls_may_lean_is_a_low_wall(load: Callable[..., World]) -> None:
+    bar = trimesh.util.concatenate([room(), box(5, 0, 0.25, (0.008, 4, 0.008))])
+    assert load(bar, keys="low: true").low_obstacles.area == pytest.approx(0.032, rel=0.01)
+
+
+def test_the_foot_of_a_ramp_counts_from_where_the_scan_begins(load: Callable[..., World]) -> None:
+    ramp = trimesh.convex.convex_hull([[5, y, 0] for y in (1, 2)] + [[6, y, z] for y in (1, 2) for z in (0, 1)])
+    world = load(ramp, keys="low: true")
+    assert world.walls.bounds == pytest.approx((5.05, 1.0, 6.0, 2.0), abs=1e-3)
+
+
+def test_surfaces_between_the_cuts_are_low_walls_too(load: Callable[..., World]) -> None:
+    shelf = trimesh.Trimesh([[5, 1, 0.25], [6, 1, 0.25], [6, 2, 0.25], [5, 2, 0.25]], [[0, 1, 2], [0, 2, 3]])
+    strip = trimesh.Trimesh([[3, 0, 0.22], [3, 1, 0.22], [3, 1, 0.28], [3, 0, 0.28]], [[0, 1, 2], [0, 2, 3]])
+    world = load(trimesh.util.concatenate([room(), shelf, strip]), keys="thickness_m: 0.1\nlow: true")
+    assert world.low_obstacles.bounds == pytest.approx((2.95, 0.0, 6.05, 2.05), abs=0.06)
+    assert world.low_obstacles.area == pytest.approx(1.1**2 + 0.1 * 1.05, rel=0.02)
+
+
+def test_what_begins_or_ends_at_the_edge_of_the_band_is_no_wall(load: Callable[..., World]) -> None:
+    beside = trimesh.util.concatenate([room(), box(5, 1, 0, (1, 1, 0.05)), box(5, 1, 0.8, (1, 1, 0.2))])
+    assert load(beside).walls.area == pytest.approx(WALLS_M2, rel=1e-3)
+
+
 def test_open_surfaces_are_walls_of_the_thickness_that_is_asked_for(load: Callable[..., World]) -> None:
     sheet = trimesh.Trimesh([[5, 0, 0], [5, 3, 0], [5, 3, 1], [5, 0, 1]], [[0, 1, 2], [0, 2, 3]])
     with pytest.raises(WorldError, match=r"not watertight.*thickness_m.*z 0\.00 to 1\.00"):

@@ -73,7 +73,7 @@ def read_mesh(path: Path, spec: WorldSpec) -> MeshWalls:
     if low and not spec.low:
         x, y = low[0].outline.representative_point().coords[0]
         raise WorldError(
-            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.1f} m above the floor, and the lidar "
+            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.2g} m above the floor, and the lidar "
             f"can lose what is lower than {BAND_M[1]} m; make it higher, or declare such walls with `low: true` in a "
             f"world file; {_extents(body)}"
         )
