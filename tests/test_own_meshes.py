@@ -217,6 +217,27 @@ def test_a_damaged_mesh_is_refused_by_name(suffix: str, tmp_path: Path) -> None:
             assert f"cut.{suffix}" in str(error)
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ("mesh: walls.stl\nwall: {height_m: 2.5}", r"wall\.height_m: for walls that are built .* a `mesh` has its own"),
+        ("map: map.yaml\nwall: {height_m: 1.2, thickness_m: 0.5}", r"world: wall\.thickness_m: .* a `map` has its own"),
+        ("map: map.yaml\nwall: {boxes: {seed: 3}}", r"wall\.boxes: .* a `map` has its own: remove it"),
+    ],
+)
+def test_what_the_walls_of_others_do_not_heed_is_refused_by_name(keys: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(f"name: own\n{keys}\n")
+    with pytest.raises(WorldError, match=said):
+        load_world(tmp_path / "own.yaml")
+
+
+@pytest.mark.parametrize("source", ["map: map.yaml", "mesh: walls.stl", "free_space: [[[0, 0], [9, 0], [9, 2]]]"])
+def test_a_start_along_segments_is_refused_where_there_are_none(source: str, tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(f"name: own\n{source}\nstart: {{at_m: 4, pose: [1.5, 0, 0]}}\n")
+    with pytest.raises(WorldError, match=r"start\.at_m: for `segments` only, and this is a .* remove it"):
+        load_world(tmp_path / "own.yaml")
+
+
 def test_keys_of_a_mesh_are_refused_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text("name: own\nsegments: [{straight: 4, width: 1.5}]\nscale: 2.0\n")
     with pytest.raises(WorldError, match="scale: for a `mesh` only"):
