@@ -338,7 +338,8 @@ def test_the_command_writes_what_it_could_certify_and_says_what_not(tmp_path: Pa
     )
     zebrat = Path(sys.executable).parent / "zebrat"
     command = [zebrat, "worlds", "real_1", narrow, "--certify", tmp_path / "proofs"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
     assert [path.name for path in (tmp_path / "proofs").iterdir()] == ["real_1.json"]
-    assert "narrow: not certified, proven: no drive leads out" in printed
-    assert "real_1: 6.4 m with 0 reversals lead out" in printed
+    assert "zebrat worlds: narrow: not certified, proven: no drive leads out" in done.stderr
+    assert "real_1: 6.4 m with 0 reversals lead out" in done.stdout and "| narrow |" in done.stdout

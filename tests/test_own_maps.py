@@ -99,6 +99,20 @@ def test_see_through_pixels_are_unknown_in_mode_scale_and_averaged_in_mode_trina
     assert load(half).walls.area == pytest.approx(0.8, rel=0.01)  # 128 / 4 of 255 is dark
 
 
+def test_a_map_without_a_free_cell_is_refused_with_the_shares_and_what_made_them(load: Load) -> None:
+    clear = stacked((0, 0), (0, 0), (0, 0), (255, 0))  # black walls on nothing
+    with pytest.raises(WorldError, match=r"no cell is free: 100\.0% .* 97\.5% of the pixels are see-through.* as dark"):
+        load(clear)
+    with pytest.raises(WorldError, match=r"2\.5% .* occupied, 97\.5% as unknown .*mode: scale\).* as unknown: save it"):
+        load(clear, "mode: scale\n")
+    with pytest.raises(WorldError, match=r"100\.0% .* as occupied.*negate: 1, .*mode: trinary\); change negate"):
+        load(grey(254, 253), negate="1")
+    grounds = grey(0, 205)
+    with pytest.raises(WorldError, match=r"97\.5% as unknown .*or say `unknown: free` in a world file"):
+        load(grounds)
+    assert load(grounds, keys="unknown: free").walls.area == pytest.approx(0.8, rel=0.01)
+
+
 def test_what_is_neither_free_nor_occupied_is_unknown_in_mode_scale_and_raw(load: Load) -> None:
     cells = np.where(wall_cells(), 0, 254).astype(np.uint8)
     cells[:, 140:] = 128

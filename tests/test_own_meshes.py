@@ -103,7 +103,7 @@ def test_a_drawing_in_centimetres_is_taken_as_metres_and_that_is_said_also_where
 
 def test_a_slab_under_the_walls_is_the_floor(load: Callable[..., World]) -> None:
     on_slab = trimesh.util.concatenate([box(-1, -1, 0, (10, 6, 0.2)), room(z=0.2)])
-    with pytest.warns(UserWarning, match="0.20 m thick"):
+    with pytest.warns(UserWarning, match="0.2 m thick"):
         world = load(on_slab)
     assert world.walls.area == pytest.approx(WALLS_M2, rel=1e-3)
     assert world.mesh.vertices[:, 2].max() == pytest.approx(1.0, abs=0.01)
@@ -119,6 +119,42 @@ def test_low_walls_are_refused_unless_declared_and_then_known_as_low(load: Calla
     with pytest.raises(WorldError, match="low: true"):
         load(room(height=0.3))
     assert load(room(height=0.8)).low_obstacles.is_empty
+
+
+@pytest.mark.parametrize(("bottom", "top"), [(0.0, 0.09), (0.03, 0.06), (0.23, 0.27), (0.405, 0.41), (0.72, 0.76)])
+def test_what_lies_between_the_heights_at_which_a_mesh_is_cut_is_a_low_wall(
+    load: Callable[..., World], bottom: float, top: float
+) -> None:
+    shelf = trimesh.util.concatenate([room(), box(5, 0, bottom, (0.2, 4, top - bottom))])
+    with pytest.raises(WorldError, match=rf"\(5\.10, 2\.00\) ends {top:.2g} m above.*low: true"):
+        load(shelf)
+    world = load(shelf, keys="low: true")
+    assert world.low_obstacles.bounds == pytest.approx((5.0, 0.0, 5.2, 4.0), abs=1e-4)
+    assert world.walls.area == pytest.approx(WALLS_M2 + 0.8, rel=1e-3)
+
+
+def test_a_bar_thinner_than_walls_may_lean_is_a_low_wall(load: Callable[..., World]) -> None:
+    bar = trimesh.util.concatenate([room(), box(5, 0, 0.25, (0.008, 4, 0.008))])
+    assert load(bar, keys="low: true").low_obstacles.area == pytest.approx(0.032, rel=0.01)
+
+
+def test_the_foot_of_a_ramp_counts_from_where_the_scan_begins(load: Callable[..., World]) -> None:
+    ramp = trimesh.convex.convex_hull([[5, y, 0] for y in (1, 2)] + [[6, y, z] for y in (1, 2) for z in (0, 1)])
+    world = load(ramp, keys="low: true")
+    assert world.walls.bounds == pytest.approx((5.05, 1.0, 6.0, 2.0), abs=1e-3)
+
+
+def test_surfaces_between_the_cuts_are_low_walls_too(load: Callable[..., World]) -> None:
+    shelf = trimesh.Trimesh([[5, 1, 0.25], [6, 1, 0.25], [6, 2, 0.25], [5, 2, 0.25]], [[0, 1, 2], [0, 2, 3]])
+    strip = trimesh.Trimesh([[3, 0, 0.22], [3, 1, 0.22], [3, 1, 0.28], [3, 0, 0.28]], [[0, 1, 2], [0, 2, 3]])
+    world = load(trimesh.util.concatenate([room(), shelf, strip]), keys="thickness_m: 0.1\nlow: true")
+    assert world.low_obstacles.bounds == pytest.approx((2.95, 0.0, 6.05, 2.05), abs=0.06)
+    assert world.low_obstacles.area == pytest.approx(1.1**2 + 0.1 * 1.05, rel=0.02)
+
+
+def test_what_begins_or_ends_at_the_edge_of_the_band_is_no_wall(load: Callable[..., World]) -> None:
+    beside = trimesh.util.concatenate([room(), box(5, 1, 0, (1, 1, 0.05)), box(5, 1, 0.8, (1, 1, 0.2))])
+    assert load(beside).walls.area == pytest.approx(WALLS_M2, rel=1e-3)
 
 
 def test_open_surfaces_are_walls_of_the_thickness_that_is_asked_for(load: Callable[..., World]) -> None:
@@ -179,6 +215,27 @@ def test_a_damaged_mesh_is_refused_by_name(suffix: str, tmp_path: Path) -> None:
             load_world(path, start=START)
         except WorldError as error:
             assert f"cut.{suffix}" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ("mesh: walls.stl\nwall: {height_m: 2.5}", r"wall\.height_m: for walls that are built .* a `mesh` has its own"),
+        ("map: map.yaml\nwall: {height_m: 1.2, thickness_m: 0.5}", r"world: wall\.thickness_m: .* a `map` has its own"),
+        ("map: map.yaml\nwall: {boxes: {seed: 3}}", r"wall\.boxes: .* a `map` has its own: remove it"),
+    ],
+)
+def test_what_the_walls_of_others_do_not_heed_is_refused_by_name(keys: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(f"name: own\n{keys}\n")
+    with pytest.raises(WorldError, match=said):
+        load_world(tmp_path / "own.yaml")
+
+
+@pytest.mark.parametrize("source", ["map: map.yaml", "mesh: walls.stl", "free_space: [[[0, 0], [9, 0], [9, 2]]]"])
+def test_a_start_along_segments_is_refused_where_there_are_none(source: str, tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(f"name: own\n{source}\nstart: {{at_m: 4, pose: [1.5, 0, 0]}}\n")
+    with pytest.raises(WorldError, match=r"start\.at_m: for `segments` only, and this is a .* remove it"):
+        load_world(tmp_path / "own.yaml")
 
 
 def test_keys_of_a_mesh_are_refused_elsewhere(tmp_path: Path) -> None:

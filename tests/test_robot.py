@@ -34,7 +34,7 @@ def test_zebrat_has_the_dimensions_of_the_paper(robot: RobotModel) -> None:
     np.testing.assert_allclose(robot.footprint_base, [[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])
     np.testing.assert_allclose(robot.lidar_xyz_base, [0.4, 0.0, 0.75])
     np.testing.assert_allclose(robot.lidar_rpy, 0.0)
-    assert robot.body_top_m == pytest.approx(0.47)
+    assert (robot.body_bottom_m, robot.body_top_m) == pytest.approx((0.08, 0.47))
     assert robot.knuckle_limit_rad > 0.774  # atan(0.56 / (0.56 / tan 0.6 - 0.245)), the inner knuckle at full lock
 
 

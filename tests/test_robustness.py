@@ -303,6 +303,13 @@ def test_whatever_of_a_car_moves_it_tells_it_from_another(change: str, tmp_path:
         claim_folder(tmp_path, "episodes", TASK, seed=0)
 
 
+def test_how_near_to_the_floor_its_body_reaches_tells_no_car_from_another(tmp_path: Path, monkeypatch) -> None:
+    claim_folder(tmp_path, "episodes", TASK, seed=0)
+    other = replace(load_robot("zebrat"), body_bottom_m=0.01)
+    monkeypatch.setattr("zebrat_bullet.evaluation.claim.load_robot", lambda name: other)
+    claim_folder(tmp_path, "episodes", TASK, seed=0)
+
+
 def test_a_damaged_table_is_refused_with_the_row(tmp_path: Path) -> None:
     log = CsvLog(tmp_path / "robustness.csv", COLUMNS)
     log.append(asdict(row("mass", 1.0, 1)))

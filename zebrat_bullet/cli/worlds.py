@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,7 +62,10 @@ def worlds(arguments: argparse.Namespace) -> Result:
         write_ros_map(OccupancyGrid.of_walls(world.walls, also_inside=ends), arguments.map / world.name)
     text = worlds_table(result)
     if arguments.certify:
-        text += "\n\n" + "\n".join(_certify(loaded, robot, arguments.certify, result))
+        certified, missing = _certify(loaded, robot, arguments.certify, result)
+        text = "\n\n".join([text, *(["\n".join(certified)] if certified else [])])
+        if missing:
+            raise PartialResultError("\n".join(missing), (result, text))
     return result, text
 
 
@@ -182,24 +185,27 @@ def _generate(arguments: argparse.Namespace, robot: "RobotModel", folder: Path) 
 
 def _certify(
     worlds: "Sequence[World]", robot: "RobotModel", folder: Path, result: dict[str, dict[str, Any]]
-) -> Iterator[str]:
-    """Write the worlds' certificates, note them in the result of each, and yield what they say."""
+) -> tuple[list[str], list[str]]:
+    """Write the worlds' certificates, note them in the result of each; return what they say, and what is missing."""
     from zebrat_bullet.planning.certificate import Certificate, save_certificate
     from zebrat_bullet.planning.certify import certify_all
 
+    certified: list[str] = []
+    missing: list[str] = []
     workers = min(usable_cores(), -(-len(worlds) // _WORLDS_A_PROCESS))
     for world, answer in zip(worlds, certify_all(worlds, robot, workers=workers), strict=True):
         if not isinstance(answer, Certificate):
             proven = isinstance(answer, PlanError) and answer.proven
             result[world.name].update(certificate=None, proven_impassable=proven)
-            yield f"{world.name}: not certified, {'proven' if proven else 'not proven impassable'}: {answer}"
+            missing.append(f"{world.name}: not certified, {'proven' if proven else 'not proven impassable'}: {answer}")
             continue
         facts = {name: getattr(answer, name) for name in ("n_reversals", "clearance_m", "least_time_s")}
         result[world.name].update(certificate=str(save_certificate(answer, folder)), **facts)
-        yield (
+        certified.append(
             f"{world.name}: {answer.length_m:.1f} m with {answer.n_reversals} reversals lead out, at least "
             f"{answer.clearance_m:.3f} m from every wall; none takes less than {answer.least_time_s:.1f} s"
         )
+    return certified, missing
 
 
 def add(command: AddCommand) -> None:

@@ -81,7 +81,8 @@ def _any_caster(task: TaskConfig) -> TaskConfig:
 def _digest_of_car(task: TaskConfig) -> str:
     """Return what tells the car from another that its file may hold some day: all its numbers."""
     robot = load_robot(task.robot)
-    values = (getattr(robot, each.name) for each in fields(robot))
+    # How near to the floor its body reaches decides which worlds it may drive in, not how it drives in them.
+    values = (getattr(robot, each.name) for each in fields(robot) if each.name != "body_bottom_m")
     return digest([rounded(value) for value in values if isinstance(value, float | np.ndarray)])
 
 

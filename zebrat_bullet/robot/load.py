@@ -151,6 +151,7 @@ def _model(parts: Parts, seen: Inspection, chassis: Chassis, body: Body, motors:
         lidar_xyz_base=mount[:3, 3].copy(),
         lidar_rpy=np.array(trimesh.transformations.euler_from_matrix(mount, "sxyz")),
         body_top_m=float(body.points[:, 2].max()),
+        body_bottom_m=float((body.points if plain is None else plain.body)[:, 2].min()),
         knuckle_limit_rad=motors.knuckle_rad,
         rolling_mass_kg=rolling,
         yaw_inertia_kgm2=yaw,

@@ -37,7 +37,7 @@ class RobotModel:
             it. Physics takes a mesh as its convex hull too.
         lidar_xyz_base: (3,) float64, position of the lidar.
         lidar_rpy: (3,) float64, its fixed-axis orientation.
-        body_top_m: height of the highest shape of the body.
+        body_top_m, body_bottom_m: heights of the highest and the lowest point of the body.
         knuckle_limit_rad: smallest limit of the two steering hinges.
         rolling_mass_kg: mass of all links, and of the wheels' spin as seen by who pushes the car.
         yaw_inertia_kgm2: moment of inertia of all links about the vertical through the rear axle's centre.
@@ -66,6 +66,7 @@ class RobotModel:
     lidar_xyz_base: NDArray[np.float64]
     lidar_rpy: NDArray[np.float64]
     body_top_m: float
+    body_bottom_m: float
     knuckle_limit_rad: float
     rolling_mass_kg: float
     yaw_inertia_kgm2: float

@@ -8,13 +8,20 @@ from numpy.typing import NDArray
 from zebrat_bullet.config import FlattenConfig
 from zebrat_bullet.world.elements import LOWEST_WALL_M
 from zebrat_bullet.world.solid import Solid, polygons_of
+from zebrat_bullet.world.world import Mesh
 
 BAND_M = (FlattenConfig.height_min_m, LOWEST_WALL_M)
 """Heights that the flat scan is made of, and that a wall must fill to be seen wherever it is."""
+HIGHEST_CUT_M = LOWEST_WALL_M - 0.01
+"""What is none of the walls of a mesh begins above this height, or ends below the band."""
 # Heights at which a mesh is cut; just beside round numbers, where corners lie.
-_CUTS_M = (*(np.arange(0.1, LOWEST_WALL_M - 0.05, 0.1) + 2e-4), LOWEST_WALL_M - 0.01)
+_CUTS_M = (*(np.arange(0.1, LOWEST_WALL_M - 0.05, 0.1) + 2e-4), HIGHEST_CUT_M)
 # A wall may lean by so much before its foot counts as a low wall beside it.
 _LEANS_M = 0.01
+# What reaches no further than this into a band of heights is not in it.
+_HAIR_M = 1e-4
+# Faces that are seen from the edge cover no ground.
+_LEAST_FACE_M2 = 1e-9
 
 
 def mesh_solids(closed: trimesh.Trimesh, surfaces: trimesh.Trimesh | None, thickness_m: float | None) -> list[Solid]:
@@ -29,20 +36,63 @@ def mesh_solids(closed: trimesh.Trimesh, surfaces: trimesh.Trimesh | None, thick
     every = shapely.union_all(layers)
     low = every.difference(layers[-1]).buffer(-_LEANS_M / 2, join_style="mitre")
     low = low.buffer(_LEANS_M / 2 + 1e-6, join_style="mitre").intersection(every)
+    between = _between_cuts(closed, surfaces, thickness_m, every)
+    if not between.is_empty:
+        every, low = every.union(between), low.union(between.difference(layers[-1]))
     tops = [body.bounds[1, 2] for body in (closed, surfaces) if body is not None and len(body.faces)]
     top = float(max(tops, default=LOWEST_WALL_M))
     if low.is_empty:
         return [Solid(part, 0.0, top) for part in polygons_of(every)]
     high = [Solid(part, 0.0, top) for part in polygons_of(every.difference(low))]
     corners = np.vstack([body.vertices for body in (closed, surfaces) if body is not None])
-    corners = corners[(corners[:, 2] >= _CUTS_M[0]) & (corners[:, 2] < LOWEST_WALL_M)]
+    corners = corners[(corners[:, 2] >= BAND_M[0]) & (corners[:, 2] < LOWEST_WALL_M)]
     return high + [Solid(part, 0.0, _top_of(part, corners), low=True) for part in polygons_of(low)]
 
 
 def _top_of(part: shapely.Polygon, corners: NDArray[np.float64]) -> float:
     """Return the height of a low wall: that of the highest of (C, 3) corners over it."""
     over = shapely.intersects_xy(part.buffer(2 * _LEANS_M), *corners[:, :2].T)
-    return float(corners[over, 2].max(initial=_CUTS_M[0]))
+    return float(corners[over, 2].max() if over.any() else _CUTS_M[0])
+
+
+def seen_from_above(mesh: Mesh | trimesh.Trimesh, low_m: float, high_m: float) -> NDArray[np.float64]:
+    """Return the (T, 3, 2) triangles that the faces of a mesh cover of the ground between two heights.
+
+    Together with where any level between them is solid, they are all that the mesh covers there.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    z = vertices[faces][:, :, 2]
+    faces = faces[(z.max(axis=1) > low_m + _HAIR_M) & (z.min(axis=1) < high_m - _HAIR_M)]
+    for upward, height in ((1.0, low_m), (-1.0, high_m)):
+        vertices, faces, _ = trimesh.intersections.slice_faces_plane(
+            vertices, faces, [0.0, 0.0, upward], [0.0, 0.0, height]
+        )
+    return vertices[faces][:, :, :2].reshape(-1, 3, 2)
+
+
+def beyond(triangles: NDArray[np.float64], walls: shapely.Geometry) -> shapely.Geometry:
+    """Return the ground under those of (T, 3, 2) triangles that reach further out than walls may lean."""
+    a, b, c = (triangles[:, k] for k in range(3))
+    twice_area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return _not_over(shapely.polygons(triangles[np.abs(twice_area) > 2 * _LEAST_FACE_M2]), walls)
+
+
+def _not_over(shapes: NDArray[np.object_], walls: shapely.Geometry) -> shapely.Geometry:
+    near = walls.buffer(_LEANS_M, join_style="mitre")
+    shapely.prepare(near)
+    return shapely.union_all(shapes[~shapely.covers(near, shapes)], grid_size=1e-5)
+
+
+def _between_cuts(
+    closed: trimesh.Trimesh, surfaces: trimesh.Trimesh | None, thickness_m: float | None, walls: shapely.Geometry
+) -> shapely.Geometry:
+    """Return what stands in the band and is in no cut: what ends below the lowest, or lies between two."""
+    found = beyond(seen_from_above(closed, BAND_M[0], HIGHEST_CUT_M), walls)
+    if surfaces is not None and thickness_m is not None:
+        sheets = shapely.convex_hull(shapely.multipoints(seen_from_above(surfaces, BAND_M[0], HIGHEST_CUT_M)))
+        thick = _not_over(sheets, walls).buffer(thickness_m / 2, cap_style="square", join_style="mitre")
+        found = found.union(thick)
+    return found
 
 
 def _layer(

@@ -32,6 +32,8 @@ _LONG_M = 100.0
 _NEAR_FLOOR_M = 0.05
 # A slab under walls is at most so thick, and covers at least this share of the ground.
 _SLAB_M, _SLAB_SHARE, _ABOVE_SLAB_M = 0.5, 0.5, 0.3
+# What is thinner is no slab, or its face is on the floor already.
+_THINNEST_SLAB_M = 1e-3
 # Its face lies so far below the floor that nothing ever touches it.
 _BELOW_FLOOR_M = 0.002
 _MERGE_DIGITS = (None, 4)
@@ -73,7 +75,7 @@ def read_mesh(path: Path, spec: WorldSpec) -> MeshWalls:
     if low and not spec.low:
         x, y = low[0].outline.representative_point().coords[0]
         raise WorldError(
-            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.1f} m above the floor, and the lidar "
+            f"{path}: mesh: the wall at ({x:.2f}, {y:.2f}) ends {low[0].top_m:.2g} m above the floor, and the lidar "
             f"can lose what is lower than {BAND_M[1]} m; make it higher, or declare such walls with `low: true` in a "
             f"world file; {_extents(body)}"
         )
@@ -213,9 +215,10 @@ def _lift_off_slab(
     areas = closed.area_faces[upward]
     ground = float(np.prod(np.ptp(closed.bounds[:, :2], axis=0)))
     for height in np.unique(heights):
-        of_slab = low + 1e-3 < height <= low + _SLAB_M and height + _ABOVE_SLAB_M <= high
-        if height > BAND_M[0] and of_slab and areas[heights == height].sum() >= _SLAB_SHARE * ground:
-            notes.append(f"the slab {height - low:.2f} m thick under its walls is taken as the floor")
+        thickness = round(height - low, 6)
+        of_slab = _THINNEST_SLAB_M <= thickness <= _SLAB_M and height + _ABOVE_SLAB_M <= high
+        if height >= _THINNEST_SLAB_M and of_slab and areas[heights == height].sum() >= _SLAB_SHARE * ground:
+            notes.append(f"the slab {thickness:.3g} m thick under its walls is taken as the floor")
             for body in (closed, surfaces):
                 if body is not None:
                     body.vertices = body.vertices - (0.0, 0.0, height + _BELOW_FLOOR_M)

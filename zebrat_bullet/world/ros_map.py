@@ -28,6 +28,8 @@ _MOST_CORNERS = 58_000
 _MOST_UNKNOWN_CORNERS = 10_000
 _ROUND_START_M, _ROUND_START_CELLS = 3.0, 300
 _HAIR_CELLS = 0.01
+# What map_server makes of pixels that are see-through.
+_ALPHA = {"trinary": " as dark", "scale": " as unknown", "raw": " for nothing"}
 # Beyond these a map is taken as it is written, but hardly meant so.
 _MOST_LIKELY_YAW_RAD, _COARSEST_LIKELY_M = 2 * math.pi, 0.5
 
@@ -86,7 +88,8 @@ def read_ros_map(path: Path, height_m: float, unknown: Unknown | None, start: St
     spec, notes = _map_file(path)
     image_path = _image_of(path, spec, notes)
     with refusing(image_path, WorldError, "image: cannot be read as a map", "save it as 8-bit grey PNG or PGM"):
-        cells = np.flipud(_cell_values(read_image(image_path, WorldError), spec))
+        values, see_through = _cell_values(read_image(image_path, WorldError), spec)
+    cells = np.flipud(values)
     not_known = cells == UNKNOWN
     share = float(not_known.mean())
     if share and unknown == "refused":
@@ -102,6 +105,8 @@ def read_ros_map(path: Path, height_m: float, unknown: Unknown | None, start: St
             f"{path}: occupied_thresh: no cell is darker than {spec.occupied_thresh}; lower it or negate (the image is "
             f"read in mode {spec.mode!r})"
         )
+    if occupied.all() or (unknown != "free" and not (cells == FREE).any()):
+        raise WorldError(f"{path}: image: no cell is free: {_shares(cells, see_through, spec)}")
     _check_corners(occupied, path)
     turn = rotation_2d(spec.origin[2]) * spec.resolution
 
@@ -178,11 +183,24 @@ def _image_of(path: Path, spec: _MapFile, notes: list[str]) -> Path:
     return beside
 
 
-def _cell_values(image: Image, spec: _MapFile) -> NDArray[np.int8]:
-    """Return the (H, W) values of the cells, row 0 on top: `FREE`, `UNKNOWN` or `OCCUPIED`, as map_server finds them.
+def _shares(cells: NDArray[np.int8], see_through: float, spec: _MapFile) -> str:
+    """Say how cells of which none is free were read, by what, and what to do; `see_through` is the share of pixels."""
+    occupied, unknown = (float((cells == value).mean()) for value in (OCCUPIED, UNKNOWN))
+    said = (
+        f"{occupied:.1%} of them are read as occupied, {unknown:.1%} as unknown (negate: {int(spec.negate)}, "
+        f"occupied_thresh: {spec.occupied_thresh}, free_thresh: {spec.free_thresh}, mode: {spec.mode}); "
+    )
+    if see_through:
+        said += f"{see_through:.1%} of the pixels are see-through, which counts{_ALPHA[spec.mode]}: save it on white "
+        said += "without alpha, or "
+    return said + "change negate or the thresholds" + (", or say `unknown: free` in a world file" if unknown else "")
 
-    Where map_server passes a number between free and occupied on (modes scale and raw), ours is unknown, as it is for
-    AMCL.
+
+def _cell_values(image: Image, spec: _MapFile) -> tuple[NDArray[np.int8], float]:
+    """Return the (H, W) values of the cells, row 0 on top, as map_server finds them, and the share of see-through ones.
+
+    They are `FREE`, `UNKNOWN` or `OCCUPIED`. Where map_server passes a number between free and occupied on (modes
+    scale and raw), ours is unknown, as it is for AMCL.
     """
     level, white, see_through = _levels(image, averaged=spec.mode == "trinary")
     if spec.mode == "raw":
@@ -199,7 +217,7 @@ def _cell_values(image: Image, spec: _MapFile) -> NDArray[np.int8]:
     cells = np.full(level.shape, UNKNOWN, dtype=np.int8)
     cells[free] = FREE
     cells[occupied] = OCCUPIED
-    return cells
+    return cells, 0.0 if see_through is None else float(see_through.mean())
 
 
 def _levels(image: Image, averaged: bool) -> tuple[NDArray[np.float32], np.float32, NDArray[np.bool_] | None]:

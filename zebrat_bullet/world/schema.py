@@ -29,6 +29,8 @@ _LONGEST_COURSE_M = 3000.0
 _MOST_ERRORS = 20
 Unknown = Literal["free", "occupied", "refused"]
 SOURCES = ("segments", "free_space", "mesh", "map")
+# What of `wall` counts where the file of others says where the walls are.
+_WALL_KEYS = {"mesh": set[str](), "map": {"height_m"}}
 
 
 class StartSpec(Strict):
@@ -107,6 +109,10 @@ class WorldSpec(Strict):
             return self
         if self.start.pose is None:
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
+        if "at_m" in self.start.model_fields_set:
+            raise ValueError(
+                f"start.at_m: for `segments` only, and this is a `{given[0]}`, begun at its start.pose: remove it"
+            )
         if any(isinstance(item, Buttress) for item in self.obstacles):
             raise ValueError("a buttress stands on the wall of a `segments` track: use a box or polygon here")
         if self.niches:
@@ -118,8 +124,6 @@ class WorldSpec(Strict):
             raise ValueError(
                 "centre_line needs an open_line that it leads over, a goal, or an end at its first point (a circuit)"
             )
-        if self.wall.boxes is not None and self.free_space is None:
-            raise ValueError("wall.boxes go with `segments` or `free_space` only")
         return self
 
     def _check_keys_of(self, source: str) -> None:
@@ -128,6 +132,12 @@ class WorldSpec(Strict):
         if stray:
             raise ValueError(
                 f"{', '.join(stray)}: for a `{owners[stray[0]]}` only, and this is a `{source}`: remove it"
+            )
+        idle = sorted(self.wall.model_fields_set - _WALL_KEYS.get(source, self.wall.model_fields_set))
+        if idle:
+            raise ValueError(
+                f"{', '.join(f'wall.{key}' for key in idle)}: for walls that are built along `segments` or "
+                f"`free_space`, and a `{source}` has its own: remove it"
             )
 
     def _check_points(self, key: str) -> None:

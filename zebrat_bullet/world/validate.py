@@ -11,6 +11,7 @@ from zebrat_bullet.errors import WorldError
 from zebrat_bullet.geometry import to_world, wall_segments
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
+from zebrat_bullet.world.clearance import check_clearance
 from zebrat_bullet.world.free_start import free_start
 from zebrat_bullet.world.goal import REACHED_M
 from zebrat_bullet.world.solid import is_watertight
@@ -37,7 +38,7 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
 
     Args:
         world: what was built.
-        robot: its footprint must pass; its lidar watches for open space.
+        robot: its footprint must pass, at the height of its body; its lidar watches for open space.
         source: the file, for the message.
 
     Raises:
@@ -52,6 +53,7 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
         _check_gates(world, robot, source)
     if len(world.centre_line) and world.open_line is not None:
         _check_open_space(world, world.open_line, robot, source)
+    check_clearance(world, robot, source)
 
 
 def check_closed(world: World, source: str) -> None:
