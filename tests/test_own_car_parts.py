@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from own_cars import OwnCar
 
 from zebrat_bullet.errors import RobotError
@@ -18,6 +20,24 @@ def fixed(name: str, parent: str, inside: str = "", origin: str = "") -> str:
         f'<link name="{name}">{inside}</link><joint name="{name}_joint" type="fixed"><parent link="{parent}"/>'
         f'<child link="{name}"/>{origin}</joint>'
     )
+
+
+@pytest.mark.parametrize("tag", ["collision", "visual"])
+def test_a_collada_file_is_read_in_its_unit_and_painted_so(tmp_path: Path, tag: str) -> None:
+    from zebrat_bullet.render.car import Car
+
+    trimesh.creation.box((0.45 / 0.0254, 0.30 / 0.0254, 0.12 / 0.0254)).export(tmp_path / "body.dae")
+    text = (tmp_path / "body.dae").read_text()
+    inches = text.replace("<up_axis>", '<unit name="inch" meter="0.0254"/><up_axis>')
+    assert inches != text
+    (tmp_path / "body.dae").write_text(inches)
+    shape = '<origin xyz="0 0 0.12"/><geometry><mesh filename="body.dae" scale="1 0.5 1"/></geometry>'
+    car = OwnCar(collision=f"<visual>{shape}</visual>" + (f"<{tag}>{shape}</{tag}>" if tag == "collision" else ""))
+    robot = load_robot(named_robot(car.write(tmp_path), ["footprint=hull"]))
+    assert np.ptp(robot.footprint_base[:, 0]) == pytest.approx(0.45, abs=1e-4)
+    assert any("body.dae is written in units of 0.0254 m" in note for note in robot.notes)
+    bounds = np.array([actor.GetBounds() for actor in Car(robot).actors])
+    assert np.ptp(bounds[:, :2]) == pytest.approx(0.45, abs=1e-4)
 
 
 def limits(lower: float, upper: float) -> str:
@@ -48,8 +68,40 @@ def test_a_steering_limit_that_is_not_taken_as_written_is_said(
     assert not any("hinge" in note for note in load_robot(OwnCar().write(tmp_path)).notes)
 
 
+XACRO = (
+    '<robot name="own" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="sizes.xacro"/>'
+    '<xacro:arg name="radius" default="0.05"/>'
+)
+
+
+def test_a_xacro_argument_that_the_file_does_not_declare_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc")
+    text = OwnCar(half_base=0.16).urdf().replace('<robot name="own">', XACRO)
+    text = text.replace('radius="0.05"', 'radius="$(arg radius)"').replace('"0.16 ', '"$(arg reach) ')
+    (tmp_path / "own.urdf.xacro").write_text(text)
+    (tmp_path / "sizes.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="reach" default="0.16"/></robot>'
+    )
+    path = tmp_path / "own.urdf.xacro"
+    assert load_robot(path).wheelbase_m == pytest.approx(0.32)
+    assert load_robot(named_robot(path, ["xacro.reach=0.20"])).wheelbase_m == pytest.approx(0.36)
+    with pytest.raises(RobotError, match=r"has no <xacro:arg> raech; those there are: .*radius, reach"):
+        load_robot(named_robot(path, ["xacro.raech=0.20"]))
+    with pytest.raises(RobotError, match="is no xacro file, so it takes no arguments, got reach"):
+        load_robot(named_robot(OwnCar().write(tmp_path), ["xacro.reach=0.20"]))
+
+
 def test_a_fault_in_the_roles_file_is_told_of_that_file_with_the_nearest_name(tmp_path: Path) -> None:
     path = OwnCar().write(tmp_path)
     (tmp_path / "own.roles.yaml").write_text("wheel_radius: 0.05\n")
     with pytest.raises(RobotError, match=r"own\.roles\.yaml: .*'wheel_radius' \(did you mean wheel_radius_m\?\)"):
         load_robot(path)
+
+
+def test_a_capsule_is_refused_by_its_link_and_left_out_where_it_is_only_painted(tmp_path: Path) -> None:
+    geometry = '<geometry><capsule radius="0.04" length="0.2"/></geometry>'
+    solid = OwnCar(more=fixed("bumper", "base_link", f"<collision>{geometry}</collision>"))
+    with pytest.raises(RobotError, match="link bumper: <capsule> is not read; write box, cylinder, sphere or mesh"):
+        load_robot(solid.write(tmp_path))
+    painted = OwnCar(more=fixed("bumper", "base_link", f"<visual>{geometry}</visual>"))
+    assert any("bumper: a painted <capsule>" in note for note in load_robot(painted.write(tmp_path)).notes)
