@@ -1,11 +1,12 @@
 """What hangs on a car's wheels and hinges counts, in the unit it is written in; what is misread is refused by name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from own_cars import OwnCar
+from own_cars import ROS_JOINTS, OwnCar
 
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.robot import load_robot, named_robot
@@ -96,6 +97,13 @@ def test_a_fault_in_the_roles_file_is_told_of_that_file_with_the_nearest_name(tm
     (tmp_path / "own.roles.yaml").write_text("wheel_radius: 0.05\n")
     with pytest.raises(RobotError, match=r"own\.roles\.yaml: .*'wheel_radius' \(did you mean wheel_radius_m\?\)"):
         load_robot(path)
+
+
+def test_the_lidar_is_guessed_by_its_exact_name_and_the_others_are_named(tmp_path: Path) -> None:
+    car = OwnCar(names={**ROS_JOINTS, "lidar_mount": "laser"})
+    root = car.root + fixed("lidar_cable", "base_link") + fixed("rear_laser_link", "base_link")
+    with pytest.raises(RobotError, match=r"'lidar_mount=laser' \(the lidar may also be rear_laser_link, lidar_cable\)"):
+        load_robot(replace(car, root=root).write(tmp_path))
 
 
 def test_a_capsule_is_refused_by_its_link_and_left_out_where_it_is_only_painted(tmp_path: Path) -> None:
