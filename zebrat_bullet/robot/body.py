@@ -18,7 +18,8 @@ from zebrat_bullet.robot.shapes import convex_outline, shape_points
 
 _STANDS_OUT_M = 0.01
 _LIDAR_M = 0.02
-_N_STEERED = 21
+_N_STEERED = 7
+"""Steering angles at which what is steered is looked at: each corner of the footprint costs a bearing."""
 _MOST_MASS_KG = 1e5
 
 
