@@ -321,6 +321,26 @@ def test_a_lidar_that_misses_the_height_band_beside_the_car_is_refused(
         Drive(TaskConfig(robot=str(path)), load_world("track_2"))
 
 
+@pytest.mark.parametrize(
+    ("rpy", "said"),
+    [
+        ("1.5708 0 0", r"roll 1\.571 .*in \d+ of 360 bearings \(.*right.*left.*\).*level"),
+        ("-1.5708 0 -1.5708", r"roll -1\.571 .*in \d+ of 360 bearings \(.*ahead.*\).*no optical one"),
+    ],
+)
+def test_a_lidar_on_its_side_or_in_an_optical_frame_is_refused(tmp_path: Path, rpy: str, said: str) -> None:
+    """Its beams leave the height band inside the outline, or hardly beyond it: of walls there it would say "open"."""
+    path = OwnCar(lidar=f'<origin xyz="0.1 0 0.25" rpy="{rpy}"/>').write(tmp_path)
+    with pytest.raises(RobotError, match=said):
+        Drive(TaskConfig(robot=str(path)), load_world("track_2"))
+
+
+@pytest.mark.parametrize("rpy", ["3.1416 0 0", "0 0.2 0", "0 0 1.5708"])
+def test_a_lidar_upside_down_a_little_tilted_or_turned_sees(tmp_path: Path, rpy: str) -> None:
+    path = OwnCar(lidar=f'<origin xyz="0.1 0 0.25" rpy="{rpy}"/>').write(tmp_path)
+    Drive(TaskConfig(robot=str(path)), load_world("track_2")).close()
+
+
 def test_records_name_the_car_for_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     OwnCar(names=dict(ROS_JOINTS)).write(tmp_path, "mine.urdf")
     monkeypatch.chdir(tmp_path)

@@ -11,12 +11,15 @@ from yourdfpy.urdf import Link
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.robot.chassis import Chassis
 from zebrat_bullet.robot.model import STEERING_JOINTS, WHEEL_JOINTS
+from zebrat_bullet.robot.motors import steering_limit
 from zebrat_bullet.robot.parts import Parts
 from zebrat_bullet.robot.setup import RobotSetup
 from zebrat_bullet.robot.shapes import convex_outline, shape_points
 
 _STANDS_OUT_M = 0.01
 _LIDAR_M = 0.02
+_N_STEERED = 7
+"""Steering angles at which what is steered is looked at: each corner of the footprint costs a bearing."""
 _MOST_MASS_KG = 1e5
 
 
@@ -61,8 +64,8 @@ def find_body(parts: Parts, chassis: Chassis, setup: RobotSetup) -> tuple[Body, 
     weightless = [link for link in parts.document.links if _shaped(parts.urdf.link_map[link]) and not _kg(parts, link)]
     if weightless:
         notes.append(f"without <inertial>, so without a mass of their own: {', '.join(weightless)}")
-    knuckles = np.array([_kg(parts, parts.child(role)) for role in STEERING_JOINTS])
-    wheels = np.array([_kg(parts, parts.child(role)) for role in WHEEL_JOINTS])
+    knuckles = np.array([_mass(parts, chassis, _steered_links(parts, role))[0] for role in STEERING_JOINTS])
+    wheels = np.array([_mass(parts, chassis, parts.below((role,)))[0] for role in WHEEL_JOINTS])
     return Body(points, outline, as_collision, mass, centre, knuckles, wheels, notes), problems
 
 
@@ -108,7 +111,7 @@ def _outline(
         if outline is None:
             problems.append("the body has no collision shape with an area; give it one, or say footprint=hull")
         return collision, outline, True
-    others = _others(parts, chassis, setup.footprint == "hull" or not solid, solid, notes)
+    others = _others(parts, chassis, setup, solid, notes)
     outline = convex_outline(collision[:, :2]) if len(collision) else None
     out = {
         name: points for name, points in others.items() if outline is None or _outside(outline, points) > _STANDS_OUT_M
@@ -140,15 +143,22 @@ def _check_floor(solid: dict[str, NDArray[np.float64]], chassis: Chassis, proble
 
 
 def _others(
-    parts: Parts, chassis: Chassis, everything: bool, solid: dict[str, NDArray[np.float64]], notes: list[str]
+    parts: Parts, chassis: Chassis, setup: RobotSetup, solid: dict[str, NDArray[np.float64]], notes: list[str]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return what may stand outside of the collision shapes: wheels, the lidar, bodies that are only painted."""
-    found = {}
+    """Return what may stand outside of the body's collision shapes.
+
+    Wheels, collision shapes that roll or are steered with them, the lidar, and bodies that are only painted.
+    """
+    everything = setup.footprint == "hull" or not solid
+    found: dict[str, NDArray[np.float64]] = {}
+    unread: list[str] = []
     for role, centre, radius, width in zip(WHEEL_JOINTS, chassis.wheels, chassis.radii, chassis.widths, strict=True):
         reach = np.array([radius, width / 2.0, radius])
         corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
         found[role] = centre + corners * reach
-    unread: list[str] = []
+        found[role] = np.vstack([found[role], _fixed_to_wheel(parts, chassis, role, unread)])
+    for role in STEERING_JOINTS:
+        found |= _steered(parts, chassis, role, steering_limit(parts, setup)[0], unread)
     for name in parts.body:
         if everything or name not in solid:
             points = _points(parts, chassis, name, "visuals", unread)
@@ -160,6 +170,45 @@ def _others(
         corners = np.array([(x, y, 0.0) for x in (-_LIDAR_M, _LIDAR_M) for y in (-_LIDAR_M, _LIDAR_M)])
         found.setdefault(parts.lidar, np.empty((0, 3)))
         found[parts.lidar] = np.vstack([found[parts.lidar], at + corners])
+    return found
+
+
+def _fixed_to_wheel(parts: Parts, chassis: Chassis, role: str, unread: list[str]) -> NDArray[np.float64]:
+    """Return (P, 3) corners about the collision shapes of the links fixed to a wheel, wherever it has rolled to."""
+    wheel, corners = parts.child(role), [np.empty((0, 3))]
+    centre = (chassis.base_from_root @ parts.pose(wheel))[:3, 3]
+    for name in parts.below((role,)):
+        if name == wheel:
+            continue
+        offsets = _points(parts, chassis, name, "collisions", unread) - centre
+        if len(offsets):
+            radius = float(np.hypot(offsets[:, 0], offsets[:, 2]).max())
+            ends = (offsets[:, 1].min(), offsets[:, 1].max())
+            corners.append(centre + [(x, y, z) for x in (-radius, radius) for y in ends for z in (-radius, radius)])
+    return np.vstack(corners)
+
+
+def _steered_links(parts: Parts, role: str) -> list[str]:
+    """Return a knuckle and the links fixed to it."""
+    rolling = parts.below(WHEEL_JOINTS)
+    return [link for link in parts.below((role,)) if link not in rolling]
+
+
+def _steered(
+    parts: Parts, chassis: Chassis, role: str, limit_rad: float, unread: list[str]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the collision shapes of a knuckle and of the links fixed to it, all the way from lock to lock."""
+    found, knuckle = {}, parts.child(role)
+    placed = chassis.base_from_root @ parts.pose(knuckle)
+    axis = placed[:3, :3] @ parts.axis(role)
+    turns = [
+        trimesh.transformations.rotation_matrix(angle, axis, placed[:3, 3])
+        for angle in np.linspace(-limit_rad, limit_rad, _N_STEERED)
+    ]
+    for name in _steered_links(parts, role):
+        points = _points(parts, chassis, name, "collisions", unread)
+        if len(points):
+            found[name] = np.vstack([trimesh.transform_points(points, turn) for turn in turns])
     return found
 
 

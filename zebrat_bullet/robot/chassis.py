@@ -105,12 +105,13 @@ def _axle(
     if not np.linalg.norm(axis):
         problems.append(f"{name}: <axis> must not be zero; write the axle, as 0 1 0")
         return None
-    shape = rolling_shape(parts.urdf.link_map[link], axis)
+    shapes = parts.rolling(role)
+    shape = rolling_shape(shapes, axis)
     unwritten = parts.joints[role].find("axis") is None or parts.types[role] == "fixed"
     if isinstance(shape, str) and unwritten:
         # What is only painted needs no axis; its cylinder says where the axle is.
         for guess in np.eye(3)[[1, 2]]:
-            other = rolling_shape(parts.urdf.link_map[link], guess)
+            other = rolling_shape(shapes, guess)
             if isinstance(other, Round):
                 axis, shape = guess, other
                 parts.joints[role].append(parts.joints[role].makeelement("axis", {"xyz": " ".join(map(str, guess))}))
@@ -133,6 +134,9 @@ def _axle(
 def _base_axes(centres: NDArray[np.float64], problems: list[str]) -> NDArray[np.float64] | None:
     """Return the (3, 3) rotation from the root's frame into one with x forward and z up."""
     forward = centres[2:].mean(axis=0) - centres[:2].mean(axis=0)
+    if (crossed := _crossed_pair(centres, forward)) is not None:
+        problems.append(crossed)
+        return None
     left = centres[::2].mean(axis=0) - centres[1::2].mean(axis=0)
     up = np.cross(forward, left)
     if np.linalg.norm(up) < 1e-6:
@@ -159,6 +163,17 @@ def _base_axes(centres: NDArray[np.float64], problems: list[str]) -> NDArray[np.
         forward = nearest
     turn = np.array([forward, np.cross(upright, forward), upright])
     return turn + 0.0  # no negative zeros
+
+
+def _crossed_pair(centres: NDArray[np.float64], forward: NDArray[np.float64]) -> str | None:
+    """Return what is said where left and right are swapped on one axle alone, seen along the root link's z."""
+    lefts = centres[::2] - centres[1::2]
+    if lefts[0] @ lefts[1] >= 0:
+        return None
+    wrong = int(np.argmin(np.cross(forward, lefts)[:, 2]))
+    axle, roles = ("rear", WHEEL_JOINTS[:2]) if wrong == 0 else ("front", (*WHEEL_JOINTS[2:], *STEERING_JOINTS))
+    pairs = " and of ".join(f"{left} and {right}" for left, right in zip(roles[::2], roles[1::2], strict=True))
+    return f"the left {axle} wheel stands on the right of the right one; swap the names of {pairs}"
 
 
 def _frame_notes(base_from_root: NDArray[np.float64]) -> list[str]:

@@ -3,15 +3,15 @@
 import io
 import math
 import os
-import re
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 
 import yourdfpy
 from lxml import etree
 
 from zebrat_bullet.errors import RobotError
-from zebrat_bullet.files import MB, is_file, read_bytes, refusing, shown
+from zebrat_bullet.files import MB, read_bytes, refusing, shown
+from zebrat_bullet.robot.mesh_files import collada_unit_m, mesh_file
 from zebrat_bullet.robot.setup import RobotSetup
 
 _NUMBERS = {
@@ -22,12 +22,12 @@ _NUMBERS = {
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
-    "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
 }
 _REQUIRED = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("filename",)}
-_REQUIRED |= {"capsule": _REQUIRED["cylinder"], "mass": ("value",)}
+_REQUIRED |= {"mass": ("value",)}
+_SHAPES = ("box", "cylinder", "sphere", "mesh")
 _MOST_LINKS = 1000
 _PARSER = {"resolve_entities": False, "no_network": True, "remove_comments": True, "remove_pis": True}
 
@@ -129,17 +129,16 @@ class Document:
                 self.problems.append(f"{where}: mass must be at least 0, got {mass.get('value')}")
 
     def _find_meshes(self, link: etree._Element) -> None:
-        """Name meshes by absolute paths; one that is missing is dropped where only visual, else a problem."""
+        """Name meshes by absolute paths, in metres; what is not read is dropped where only visual, else a problem."""
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
             if mesh is None:
-                if shape.find("geometry") is None or not len(shape.find("geometry")):
-                    self.notes.append(f"link {link.get('name')}: a <{shape.tag}> without geometry was left out")
-                    link.remove(shape)
+                self._check_geometry(link, shape)
                 continue
             file = mesh_file(self.path, mesh.get("filename") or "")
             if file is not None:
                 mesh.set("filename", str(file))
+                self._scale_to_metres(mesh, file)
                 continue
             said = f"link {link.get('name')}: no mesh at {shown(mesh.get('filename'))}"
             if shape.tag == "visual":
@@ -147,6 +146,32 @@ class Document:
             else:
                 self.problems.append(f"{said}; put it there, or give <collision> a box")
             link.remove(shape)
+
+    def _check_geometry(self, link: etree._Element, shape: etree._Element) -> None:
+        geometry = shape.find("geometry")
+        tags = [] if geometry is None else [shown(inner.tag) for inner in geometry]
+        if not tags:
+            self.notes.append(f"link {link.get('name')}: a <{shape.tag}> without geometry was left out")
+        elif tags[0] in _SHAPES:
+            return
+        elif shape.tag == "visual":
+            self.notes.append(f"link {link.get('name')}: a painted <{tags[0]}> is not read and was left out")
+        else:
+            self.problems.append(
+                f"link {link.get('name')}: <{tags[0]}> is not read; write {', '.join(_SHAPES[:-1])} or {_SHAPES[-1]}"
+            )
+        link.remove(shape)
+
+    def _scale_to_metres(self, mesh: etree._Element, file: Path) -> None:
+        """Take the unit of a COLLADA file into its scale, as RViz and Gazebo do: no reader of meshes here does."""
+        unit = collada_unit_m(file) if file.suffix.lower() == ".dae" else 1.0
+        if unit == 1.0:
+            return
+        scale = _numbers(mesh.get("scale")) or [1.0] * 3
+        mesh.set("scale", " ".join(repr(unit * value) for value in scale))
+        said = f"{file.name} is written in units of {unit:g} m, and scaled so"
+        if said not in self.notes:
+            self.notes.append(said)
 
     def urdf(self) -> yourdfpy.URDF:
         """Return the tree as yourdfpy reads it, without meshes.
@@ -170,38 +195,6 @@ def parse_urdf(text: str, *, load_meshes: bool) -> yourdfpy.URDF:
         build_scene_graph=True,
         filename_handler=lambda fname: fname,
     )
-
-
-def mesh_file(urdf: Path, name: str) -> Path | None:
-    """Return the file of a mesh that a URDF names: relative to it, `file://`, or `package://NAME/...`; None if missing.
-
-    A package is a folder of its name, or one whose package.xml says it, at or beside the URDF's own folder or one
-    above it, or where ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH point.
-    """
-    if name.startswith(("package://", "model://")):
-        package, _, inside = name.partition("://")[2].partition("/")
-        tried: Iterator[Path] = (folder / inside for folder in _package_folders(urdf, package))
-    else:
-        tried = iter([urdf.parent / re.sub(r"^file://(localhost)?", "", name)])
-    return next((file.resolve() for file in tried if is_file(file)), None)
-
-
-def _package_folders(urdf: Path, package: str) -> Iterator[Path]:
-    for folder in urdf.parents:
-        if folder.name == package or _package_name(folder) == package:
-            yield folder
-        yield folder / package
-    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH"):
-        for folder in map(Path, filter(None, os.environ.get(variable, "").split(os.pathsep))):
-            yield from (folder / package, folder / "share" / package)
-
-
-def _package_name(folder: Path) -> str | None:
-    file = folder / "package.xml"
-    if not is_file(file):
-        return None
-    match = re.search(rb"<name>\s*([\w.-]+)\s*</name>", read_bytes(file, RobotError, MB))
-    return match[1].decode() if match else None
 
 
 def _numbers(text: str | None) -> list[float] | None:
@@ -228,6 +221,9 @@ def _read(setup: RobotSetup) -> etree._Element:
             raise ValueError(f"its outermost element is <{shown(robot.tag)}>")
     if any(isinstance(e.tag, str) and "xacro" in (etree.QName(e).namespace or "") for e in robot.iter()):
         robot = _expanded(setup)
+    elif setup.xacro:
+        names = ", ".join(map(shown, setup.xacro))
+        raise RobotError(f"{shown(path)}: is no xacro file, so it takes no arguments, got {names}; leave them out")
     for element in list(robot):
         if element.tag not in ("link", "joint", "material"):
             robot.remove(element)
@@ -246,8 +242,32 @@ def _expanded(setup: RobotSetup) -> etree._Element:
     with refusing(setup.path, RobotError, what, "mend it; arguments are given as xacro.NAME=VALUE"):
         here = Path.cwd()
         os.chdir(setup.path.parent)  # where includes by relative names are looked for
+        given = _Arguments(setup.xacro)
         try:
-            doc = XacroDoc.from_file(setup.path, subargs=dict(setup.xacro) or None, resolve_packages=False)
-            return etree.fromstring(doc.to_urdf_string().encode(), etree.XMLParser(**_PARSER))
+            doc = XacroDoc.from_file(setup.path, subargs=given, resolve_packages=False)
+            robot = etree.fromstring(doc.to_urdf_string().encode(), etree.XMLParser(**_PARSER))
         finally:
             os.chdir(here)
+    if unused := [name for name in setup.xacro if name not in given.asked]:
+        there = ", ".join(sorted(given.asked)) or "none"
+        raise RobotError(
+            f"{shown(setup.path)}: has no <xacro:arg> {shown(', '.join(unused))}; those there are: {there}; correct "
+            "xacro.NAME=VALUE"
+        )
+    return robot
+
+
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file that remember which the file and its includes ask for."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from zebrat_bullet.robot.model import GRAVITY_MPS2, STEERING_JOINTS, WHEEL_JOINTS
 from zebrat_bullet.robot.parts import Parts, called
-from zebrat_bullet.robot.setup import RobotSetup
+from zebrat_bullet.robot.setup import ONCE_ROUND_RAD, RobotSetup
 
 MOST_KNUCKLE_RAD = 1.4
 LEAST_KNUCKLE_RAD = 0.02
@@ -14,6 +14,7 @@ MOST_HINGE_SPEED_RADPS = 20.0
 _HINGE_SPEED_RADPS = 4.0
 _ACCELERATION_MPS2 = 4.0
 _SCRUB = 0.4
+_UNEVEN_RAD = 0.01
 _LEAST_PULL_MPS2, _LEAST_SPEED_MPS, _LEAST_HINGE_RADPS = 0.02, 0.01, 0.02
 
 
@@ -72,11 +73,10 @@ def find_motors(
                 f"no {limit} limit is written of {roles[0]} and its like; {setting}={values[setting]:.3g} is taken"
             )
     problems += [] if problems else _too_weak(values, mass_kg, radius_m)
-    knuckle = setup.numbers.get("steering_limit_rad")
-    if knuckle is None:
-        knuckle = _knuckle_limit(parts, problems)
+    knuckle, wrong_limits, said = steering_limit(parts, setup)
+    problems += wrong_limits
     as_written = not notes and not problems and not setup.numbers
-    return Motors(min(knuckle, MOST_KNUCKLE_RAD), as_written=as_written, **values), problems, notes
+    return Motors(knuckle, as_written=as_written, **values), problems, notes + said
 
 
 def _too_weak(values: dict[str, float], mass_kg: float, radius_m: float) -> list[str]:
@@ -97,7 +97,19 @@ def _too_weak(values: dict[str, float], mass_kg: float, radius_m: float) -> list
     ]
 
 
-def _knuckle_limit(parts: Parts, problems: list[str]) -> float:
+def steering_limit(parts: Parts, setup: RobotSetup) -> tuple[float, list[str], list[str]]:
+    """Return how far in rad both hinges can turn to both sides, what is wrong with their limits, and what was taken."""
+    problems: list[str] = []
+    notes: list[str] = []
+    limit = setup.numbers.get("steering_limit_rad")
+    if limit is None:
+        limit = _knuckle_limit(parts, problems, notes)
+    if limit > MOST_KNUCKLE_RAD:
+        notes.append(f"the hinges may turn by {limit:.3g} rad; {MOST_KNUCKLE_RAD} rad is taken, the most there is")
+    return min(limit, MOST_KNUCKLE_RAD), problems, notes
+
+
+def _knuckle_limit(parts: Parts, problems: list[str], notes: list[str]) -> float:
     limits = []
     for role in STEERING_JOINTS:
         lower, upper = _limit(parts, role, "lower"), _limit(parts, role, "upper")
@@ -114,8 +126,15 @@ def _knuckle_limit(parts: Parts, problems: list[str]) -> float:
                 f"{name} turns from {lower} to {upper} rad, so it cannot steer to both sides; write its lower and "
                 "upper limits, or say steering_limit_rad=..."
             )
+        elif min(-lower, upper) > ONCE_ROUND_RAD:
+            problems.append(
+                f"{name} turns from {lower:g} to {upper:g} rad, further than once round; if degrees are meant, write "
+                f"{math.radians(lower):.4f} to {math.radians(upper):.4f}, or say steering_limit_rad=..."
+            )
         else:
             limits.append(min(upper, -lower))
+            if abs(upper + lower) > _UNEVEN_RAD:
+                notes.append(f"{name} turns from {lower:g} to {upper:g} rad; {limits[-1]:g} to both sides is taken")
     return min(limits, default=MOST_KNUCKLE_RAD)
 
 

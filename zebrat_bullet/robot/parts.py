@@ -1,12 +1,13 @@
 """Which joint and which link of a URDF plays which part in a car; the rest is frozen to the body."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import yourdfpy
 from lxml import etree
 from numpy.typing import NDArray
+from yourdfpy.urdf import Collision
 
 from zebrat_bullet.robot.document import Document
 from zebrat_bullet.robot.model import LIDAR_JOINT, STEERING_JOINTS, WHEEL_JOINTS
@@ -64,10 +65,24 @@ class Parts:
             chain.append(joint.find("parent").get("link"))
         return chain[::-1]
 
-    def below(self, roles: tuple[str, ...]) -> set[str]:
+    def below(self, roles: tuple[str, ...]) -> list[str]:
         """Return the links that the joints of these roles move."""
         heads = {self.child(role) for role in roles if role in self.joints}
-        return {link for link in self.document.links if heads.intersection(self.above(link))}
+        return [link for link in self.document.links if heads.intersection(self.above(link))]
+
+    def rolling(self, role: str) -> list[Collision]:
+        """Return the shapes of a wheel, also those of links fixed to it, placed in its joint's child frame.
+
+        Its collision shapes count, its visual ones where there are none.
+        """
+        wheel = self.child(role)
+        found: dict[str, list[Collision]] = {"collisions": [], "visuals": []}
+        for name in self.below((role,)):
+            placed = np.linalg.inv(self.pose(wheel)) @ self.pose(name)
+            for kind, shapes in found.items():
+                own = getattr(self.urdf.link_map[name], kind)
+                shapes += own if name == wheel else [_placed(shape, placed) for shape in own]
+        return found["collisions"] or found["visuals"]
 
     @cached_property
     def body(self) -> list[str]:
@@ -96,8 +111,18 @@ def find_parts(document: Document, setup: RobotSetup) -> Parts:
                 f"{_called(parts, wheel)} must hang on the child link of {_called(parts, hinge)}, or it cannot steer; "
                 f"make {parts.child(hinge)} its parent, or name the right joints"
             )
+    if lidar is not None and lidar not in parts.body:
+        above = [role for role, joint in joints.items() if joint.find("child").get("link") in parts.above(lidar)]
+        parts.problems.append(
+            f"{called(LIDAR_JOINT, named)} hangs on {_called(parts, above[-1])}, which moves; hang it on the body, or "
+            "name a lidar that is fixed to it"
+        )
     _freeze(parts)
     return parts
+
+
+def _placed(shape: Collision, pose: NDArray[np.float64]) -> Collision:
+    return replace(shape, origin=pose if shape.origin is None else pose @ shape.origin)
 
 
 def _doubled(parts: Parts) -> list[str]:

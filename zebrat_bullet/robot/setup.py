@@ -1,5 +1,6 @@
 """What a user says of a URDF: which of its joints has which role, and numbers that it leaves out."""
 
+import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,8 @@ NUMBERS = {
     "wheel_radius_m": "radius of all wheels",
     "body_mass_kg": "mass of all but wheels and knuckles",
 }
+ONCE_ROUND_RAD = 6.3
+"""No hinge turns further; what is beyond was written in degrees."""
 XACRO = "xacro."
 """Before the name of a xacro argument."""
 _SETTINGS = re.compile(r"^(?P<file>.*?):(?P<settings>[\w.]+=.*)$", re.DOTALL)
@@ -78,7 +81,7 @@ def robot_setup(name_or_path: str | Path) -> RobotSetup:
     path = find_asset("urdf", name, ".urdf").resolve()
     beside = path.with_name(roles_file(path))
     written = _from_yaml(beside) if is_file(beside) else {}
-    values = _checked(path, {**written, **given})
+    values = {**_checked(beside, written), **_checked(path, given)}
     source = path.stem if path.parent == asset_folder("urdf").resolve() else str(path)
     if given:
         source += ":" + ",".join(f"{key}={value}" for key, value in given.items())
@@ -132,7 +135,7 @@ def _text(path: Path, key: str, value: Any) -> str:
 
 
 def _checked(path: Path, values: dict[str, str]) -> dict[str, str]:
-    """Return the settings, or raise with all that is wrong with them."""
+    """Return the settings that stand in a file, or behind its name, or raise with all that is wrong with them."""
     wrong = []
     for key, value in values.items():
         if key in NUMBERS:
@@ -140,13 +143,20 @@ def _checked(path: Path, values: dict[str, str]) -> dict[str, str]:
                 ok = math.isfinite(float(value)) and float(value) > 0
             except ValueError:
                 ok = False
+            if ok and key.endswith("_limit_rad") and float(value) > ONCE_ROUND_RAD:
+                wrong.append(
+                    f"{key} is the {NUMBERS[key]}, no further than once round, got {shown(value)!r} rad; if "
+                    f"degrees are meant, write {math.radians(float(value)):.4f}"
+                )
             if not ok:
                 wrong.append(f"{key} is the {NUMBERS[key]}, a number above 0, got {shown(value)!r}")
         elif key == "footprint":
             if value not in FOOTPRINTS:
                 wrong.append(f"footprint must be one of {', '.join(FOOTPRINTS)}, got {shown(value)!r}")
         elif key not in ROLES and not key.startswith(XACRO):
-            wrong.append(f"there is no setting {shown(key)!r}; {_known()}")
+            near = difflib.get_close_matches(key, (*ROLES, "footprint", *NUMBERS), 1)
+            hint = f" (did you mean {near[0]}?)" if near else ""
+            wrong.append(f"there is no setting {shown(key)!r}{hint}; {_known()}")
     if wrong:
         raise RobotError(f"{path}: " + "; ".join(wrong))
     return values

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 import trimesh
 from numpy.typing import NDArray
-from yourdfpy.urdf import Collision, Link
+from yourdfpy.urdf import Collision
 
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.files import MB, refusing, require_file
@@ -66,20 +66,19 @@ def _mesh(file: Path) -> trimesh.Trimesh:
         return mesh
 
 
-def rolling_shape(link: Link, axle_link: NDArray[np.float64]) -> Round | str:
-    """Return what of a wheel's link rolls about its axle, or what is wrong with it and the mend.
+def rolling_shape(shapes: list[Collision], axle_link: NDArray[np.float64]) -> Round | str:
+    """Return what of a wheel's shapes rolls about its axle, or what is wrong with them and the mend.
 
     Args:
-        link: the wheel; its collision shapes count, its visual ones where there are none.
+        shapes: of the wheel, in its link's frame.
         axle_link: (3,) unit vector of the axle, through the origin of the link's frame.
     """
-    shapes = link.collisions or link.visuals
     found = [_round(shape, axle_link) for shape in shapes]
     rolling = [one for one in found if isinstance(one, Round)]
     if rolling:
         return max(rolling, key=lambda one: one.radius_m)
     reasons = [one for one in found if isinstance(one, str)]
-    return reasons[0] if reasons else "has no shape; give its <collision> a cylinder, or say wheel_radius_m=..."
+    return reasons[0] if reasons else "has no shape; give its <collision> a cylinder"
 
 
 def _round(shape: Collision, axle: NDArray[np.float64]) -> Round | str:

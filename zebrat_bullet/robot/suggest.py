@@ -38,7 +38,9 @@ def missing_roles(parts: Parts, types: dict[str, str], named: Mapping[str, str])
     chosen = {role: guess[role] for role in parts.missing if role in guess}
     if chosen:
         words = " ".join(f"'{role}={name}'" for role, name in chosen.items())
-        return f"{said}. Name them; by their axes these could be meant: --joints {words}", chosen
+        others = _lidar_links(parts)[1:] if LIDAR_JOINT in chosen else []
+        more = f" (the lidar may also be {', '.join(others[:10])})" if others else ""
+        return f"{said}. Name them; by their axes these could be meant: --joints {words}{more}", chosen
     there = ", ".join(list(parts.document.joints)[:30]) or "none"
     return f"{said}. Name them with --joints ROLE=NAME; the joints there are: {there}", chosen
 
@@ -114,5 +116,16 @@ def _guess(parts: Parts, hinges: list[str], wheels: list[str], steered: dict[str
 
 
 def _lidar_guess(parts: Parts) -> dict[str, str]:
-    named = [link for link in parts.document.links if any(word in link.lower() for word in _LIDAR_WORDS)]
+    named = _lidar_links(parts)
     return {LIDAR_JOINT: named[0]} if named else {}
+
+
+def _lidar_links(parts: Parts) -> list[str]:
+    """Return the links of the body that may be a lidar, by their names: `laser`, `front_laser_link`, `lidar_cable`."""
+
+    def likeness(link: str) -> int:
+        name = link.lower().removesuffix("_link").removesuffix("_frame")
+        return 0 if name in _LIDAR_WORDS else 1 if name.endswith(_LIDAR_WORDS) else 2
+
+    named = [link for link in parts.body if any(word in link.lower() for word in _LIDAR_WORDS)]
+    return sorted(named, key=likeness)

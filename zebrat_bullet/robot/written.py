@@ -76,8 +76,12 @@ def _geometry_right(parts: Parts, chassis: Chassis) -> bool:
 
 
 def _wheel_right(parts: Parts, role: str) -> bool:
-    shapes = parts.urdf.link_map[parts.child(role)].collisions
-    if len(shapes) != 1 or shapes[0].geometry.cylinder is None:
+    shapes = parts.rolling(role)
+    if (
+        parts.urdf.link_map[parts.child(role)].collisions != shapes
+        or len(shapes) != 1
+        or shapes[0].geometry.cylinder is None
+    ):
         return False
     pose = np.eye(4) if shapes[0].origin is None else shapes[0].origin
     return bool(np.allclose(np.abs(pose[:3, 2]), (0, 1, 0), atol=1e-3) and np.allclose(pose[:3, 3], 0.0, atol=_EXACT_M))
