@@ -140,7 +140,10 @@ def test_worlds_writes_generated_tracks_that_load_by_path_and_draws_them(tmp_pat
         (("ros", "drive", "--world", "track_3", "--policy", "x"), "--world is for `zebrat ros sim`"),
         (("ros", "sim", "--policy", "x"), "--policy is for `zebrat ros drive`"),
         (("replay", "/nonexistent/x.npz"), "no such file; correct its name"),
-        (("evaluate", "--robot", "cars/x.urdf"), "if the car's file has moved, --robot says where it lies"),
+        (
+            ("evaluate", "--agent", "random", "--robot", "cars/x.urdf"),
+            "if the car's file has moved, --robot says where it lies",
+        ),
         (("replay", "x.npz", "--agent", "a", "--lidar-topic", "/b"), "--agent, --lidar-topic can only be heeded with"),
         (("replay", "x.npz", "--tolerance", "1", "1", "--delay", "1"), "--delay, --tolerance can only be heeded with"),
     ],
