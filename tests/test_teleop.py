@@ -264,6 +264,22 @@ def test_the_clock_stands_while_nobody_drives_and_the_next_tab_goes_on(browser, 
     eventually(lambda: again.number("time") > left_at + 1.5)
 
 
+@needs_chromium
+def test_a_tab_that_outlives_its_server_shows_the_world_of_the_next(browser, tmp_path):
+    running = Teleop(tmp_path / "first")
+    page = Page(browser, running.url)
+    eventually(lambda: page.text("world") == "track_2" and page.status().startswith("Ready"))
+    running.end()
+    eventually(lambda: page.status().startswith("Connection lost"))
+    port = running.url.strip("/").rpartition(":")[2]
+    running = Teleop(tmp_path / "second", "--world", "track_1", "--port", port)
+    eventually(lambda: page.text("world") == "track_1" and page.status().startswith("Ready"))
+    page.hold("w")
+    eventually(lambda: page.number("time") > 0.3)
+    page.release("w")
+    running.end()
+
+
 class Tab:
     """A tab without a browser: it does what the page's script does, or less."""
 

@@ -184,8 +184,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.end_headers()
             while True:
                 version, view = hub.next_view(version, RESEND_S)
-                event = f'{{"seat": "{seat}", "drives": {json.dumps(hub.drives(seat))}, "view": {view}}}'
-                self.wfile.write(f"data: {event}\n\n".encode())
+                whose = f'"sitting": "{hub.sitting}", "seat": "{seat}", "drives": {json.dumps(hub.drives(seat))}'
+                self.wfile.write(f'data: {{{whose}, "view": {view}}}\n\n'.encode())
         except OSError:
             pass  # the tab was closed
         finally:
