@@ -340,12 +340,21 @@ def test_only_the_drivers_seat_is_obeyed_and_nonsense_is_refused(tab, shared):
     assert tab.press("forward", "warp") == 200
 
 
-@pytest.mark.parametrize(("port", "message"), [(None, "another program listens there"), (70000, "0 to 65535")])
+@pytest.mark.parametrize(
+    ("port", "message"), [(None, "another program listens there.*another --port, 0"), (70000, "0 to 65535")]
+)
 def test_a_port_that_cannot_be_had_says_what_to_do(port, message):
     first = TeleopServer("127.0.0.1", 0, Hub(), "{}")
     with pytest.raises(ConfigError, match=message):
         TeleopServer("127.0.0.1", first.server_address[1] if port is None else port, Hub(), "{}")
     first.close()
+
+
+@pytest.mark.parametrize("host", ["nosuch.invalid", "8.8.8.8", "2001:db8::1"])
+def test_an_address_that_is_not_this_machines_says_to_name_another_host(host):
+    with pytest.raises(ConfigError, match=r"cannot listen on .* name another --host: 127\.0\.0\.1") as refused:
+        TeleopServer(host, 0, Hub(), "{}")
+    assert "--port" not in str(refused.value)
 
 
 def test_held_keys_ramp_and_released_keys_return():
