@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import pytest
@@ -37,15 +38,23 @@ def eventually(condition: Callable[[], bool], what: str, seconds: float = 90.0) 
         time.sleep(0.1)
 
 
+@contextmanager
+def playing(port: str = "0") -> Iterator[str]:
+    """Run `zebrat play`, and yield the address of its page."""
+    process = subprocess.Popen([*COMMAND, "play", "--port", port], stderr=subprocess.PIPE, text=True)
+    try:
+        yield next(found.group(1) for line in process.stderr if (found := re.search(r"draw at (\S+)", line)))
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0 and "Traceback" not in errors
+
+
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    """A running `zebrat play`."""
-    process = subprocess.Popen([*COMMAND, "play", "--port", "0"], stderr=subprocess.PIPE, text=True)
-    address = next(found.group(1) for line in process.stderr if (found := re.search(r"draw at (\S+)", line)))
-    yield address
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 0 and "Traceback" not in errors
+    """Where a `zebrat play` runs that several tests draw on, one after the other."""
+    with playing() as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +201,17 @@ def test_on_a_phone_a_finger_draws_two_cars_race_and_the_link_carries_the_track(
     finally:
         page.browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
         page.browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+
+
+def test_a_tab_that_outlives_its_server_draws_again_on_the_next_and_shows_what_that_knows(chromium):
+    with playing() as url:
+        page = Page(chromium, url)
+        page.choose("examples", "drawing:Right angle")
+        eventually(lambda: page.check().startswith("✔"), "the passage is found good")
+    with playing(url.strip("/").rpartition(":")[2]):
+        known = lambda: page.browser.execute_script("return fetch('/track').then((answer) => answer.json())")  # noqa: E731
+        eventually(lambda: known()["world"] is not None, "the drawing is sent again")
+        page.choose("examples", "drawing:No way out")
+        eventually(lambda: known()["drawing"]["widths"] == [0.7, 0.7], "another drawing is sent")
+        eventually(lambda: page.browser.execute_script("return track.drawing.widths[0]") == 0.7, "the page shows that")
+    page.errors()  # of the time between; the next test reads its own

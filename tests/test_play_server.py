@@ -4,12 +4,15 @@ import gc
 import json
 import math
 import multiprocessing
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import pybullet
 import pytest
@@ -49,6 +52,15 @@ def others() -> None:
     """Note them before anything is begun here."""
     gc.collect()
     OTHERS.update(clients())
+
+
+def has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
 
 
 def simulations() -> int:
@@ -148,6 +160,41 @@ def test_a_foreign_page_or_name_is_answered_nothing(server, headers):
         status, text, answered = ask(server, path, body, **headers)
         assert status == 403 and "open the address that zebrat printed" in text
         assert "Access-Control-Allow-Origin" not in answered
+
+
+def test_a_name_that_is_not_this_machines_is_told_with_those_that_are_taken(server):
+    status, text, _ = ask(server, "/", Host="lab-pc.example:8766")
+    assert status == 403 and "asked for 'lab-pc.example:8766'; localhost, this machine's number, name and" in text
+    assert socket.gethostname() not in text.partition("asked for")[2].split()
+    assert "asked for" not in ask(server, "/scene.js", Origin="http://evil.example")[1]
+
+
+@pytest.mark.parametrize("name", ["lab-pc", "LAB-PC", "lab-pc.local", "127.0.0.1", "[::1]"])
+def test_this_machine_goes_by_its_own_name_too(name, server, monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "Lab-PC")
+    own = f"{name}:{server.server_address[1]}"
+    assert ask(server, "/scene.js", Host=own, Origin=f"http://{own}", Sec_Fetch_Site="same-origin")[0] == 200
+    assert ask(server, "/scene.js", Host=f"lab-pc.evil.example:{server.server_address[1]}")[0] == 403
+
+
+@pytest.mark.parametrize(("host", "wildcard"), [("127.0.0.1", False), ("0.0.0.0", True), ("::1", False), ("::", True)])
+def test_the_address_that_is_told_is_one_that_a_browser_can_open(host, wildcard):
+    if ":" in host and not has_ipv6():
+        pytest.skip("this machine has no IPv6")
+    server = TeleopServer(host, 0, Hub(), "{}")
+    told = urlsplit(server.url)
+    with urlopen(server.url, timeout=10) as answer:
+        assert b"<!DOCTYPE html>" in answer.read()
+    server.close()
+    assert told.port == server.server_address[1] and (told.hostname != host) == wildcard
+
+
+def test_where_there_is_no_network_the_machine_is_told_by_its_name(monkeypatch):
+    server = TeleopServer("0.0.0.0", 0, Hub(), "{}")
+    monkeypatch.setattr(socket.socket, "connect", lambda *_: (_ for _ in ()).throw(OSError("unreachable")))
+    assert server.url == f"http://{socket.gethostname()}:{server.server_address[1]}/"
+    monkeypatch.undo()
+    server.close()
 
 
 def test_the_page_itself_may_be_followed_to_and_is_in_nobodys_frame(server):

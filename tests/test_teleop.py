@@ -264,6 +264,22 @@ def test_the_clock_stands_while_nobody_drives_and_the_next_tab_goes_on(browser, 
     eventually(lambda: again.number("time") > left_at + 1.5)
 
 
+@needs_chromium
+def test_a_tab_that_outlives_its_server_shows_the_world_of_the_next(browser, tmp_path):
+    running = Teleop(tmp_path / "first")
+    page = Page(browser, running.url)
+    eventually(lambda: page.text("world") == "track_2" and page.status().startswith("Ready"))
+    running.end()
+    eventually(lambda: page.status().startswith("Connection lost"))
+    port = running.url.strip("/").rpartition(":")[2]
+    running = Teleop(tmp_path / "second", "--world", "track_1", "--port", port)
+    eventually(lambda: page.text("world") == "track_1" and page.status().startswith("Ready"))
+    page.hold("w")
+    eventually(lambda: page.number("time") > 0.3)
+    page.release("w")
+    running.end()
+
+
 class Tab:
     """A tab without a browser: it does what the page's script does, or less."""
 
@@ -324,12 +340,21 @@ def test_only_the_drivers_seat_is_obeyed_and_nonsense_is_refused(tab, shared):
     assert tab.press("forward", "warp") == 200
 
 
-@pytest.mark.parametrize(("port", "message"), [(None, "another program listens there"), (70000, "0 to 65535")])
+@pytest.mark.parametrize(
+    ("port", "message"), [(None, "another program listens there.*another --port, 0"), (70000, "0 to 65535")]
+)
 def test_a_port_that_cannot_be_had_says_what_to_do(port, message):
     first = TeleopServer("127.0.0.1", 0, Hub(), "{}")
     with pytest.raises(ConfigError, match=message):
         TeleopServer("127.0.0.1", first.server_address[1] if port is None else port, Hub(), "{}")
     first.close()
+
+
+@pytest.mark.parametrize("host", ["nosuch.invalid", "8.8.8.8", "2001:db8::1"])
+def test_an_address_that_is_not_this_machines_says_to_name_another_host(host):
+    with pytest.raises(ConfigError, match=r"cannot listen on .* name another --host: 127\.0\.0\.1") as refused:
+        TeleopServer(host, 0, Hub(), "{}")
+    assert "--port" not in str(refused.value)
 
 
 def test_held_keys_ramp_and_released_keys_return():

@@ -23,7 +23,7 @@ const POST_MS = 100, MOST_FILE_BYTES = 90000;
 
 const byId = (id) => document.getElementById(id);
 const held = new Set();                      // codes of keys and names of pad buttons that are down
-let options = null, seat = null, drives = false, lost = false;
+let options = null, sitting = null, seat = null, drives = false, lost = false;
 let track = null, fetching = false;          // the newest that the server knows
 let unsaved = 0;                             // drawings on their way to the server
 let view = null, lanes = [], racing = -1;    // per car: the two newest views, when the newest came, and its trail
@@ -84,7 +84,7 @@ let complaint = null;  // what a request was refused for
 function complain(problem) { complaint = problem; report(); }
 
 function take(answer) {
-  if (track && answer.version < track.version) return;
+  if (answer.sitting !== sitting || (track && answer.version < track.version)) return;
   track = answer;
   adviseDriver();
 }
@@ -93,7 +93,7 @@ async function refresh() {
   fetching = true;
   try {
     const answer = await (await fetch("/track")).json(), other = !track || answer.number !== track.number;
-    if (!unsaved) {
+    if (!unsaved && answer.sitting === sitting) {
       if (other && (!drives || !track)) {  // drawn by another tab, or before this one was loaded
         editor.put(answer.drawing);
         take(answer);
@@ -108,9 +108,12 @@ function listen() {
   const events = new EventSource("/views");
   events.onmessage = async (message) => {
     const event = JSON.parse(message.data), first = seat === null;
-    [seat, drives, lost] = [event.seat, event.drives, false];
+    const again = sitting !== null && event.sitting !== sitting;  // zebrat play was ended and started: it knows no track
+    if (again) [track, racing] = [null, -1];
+    [sitting, seat, drives, lost] = [event.sitting, event.seat, event.drives, false];
     see(event.view);
-    if (first && drives && location.hash) await fromLink();
+    if (again && drives && editor.drawing) await send(editor.drawing);
+    else if (first && drives && location.hash) await fromLink();
     else if (!track || event.view.version > track.version) refresh();
     report();
   };

@@ -116,6 +116,7 @@ class Stage:
             track, origin = self._track, self._track.origin
             return json.dumps(
                 {
+                    "sitting": self._hub.sitting,
                     "version": self._version,
                     "number": self._number,
                     "drawing": track.drawing,

@@ -15,9 +15,13 @@ class Hub:
     """The seats of connected browser tabs and the state of the driver's keys; safe to use from many threads.
 
     The tab that has been connected longest drives; the others watch, and move up when it leaves.
+
+    Attributes:
+        sitting: a random name. A tab outlives the server that it was loaded from, and knows the next one by it.
     """
 
     def __init__(self) -> None:
+        self.sitting = secrets.token_hex(8)
         self._changed = threading.Condition()
         self._seats: dict[str, None] = {}
         self._keys: frozenset[str] = frozenset()

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import socket
 import sys
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -53,15 +54,13 @@ class LocalServer(ThreadingHTTPServer):
             path: (_kind(name), files(package).joinpath(name).read_bytes()) for path, (package, name) in pages.items()
         }
         self._slots = BoundedSemaphore(MOST_CONNECTIONS)
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)
         except OverflowError as error:
             raise ConfigError(f"a port is a number from 0 to 65535, got {port}") from error
         except OSError as error:
-            reason = "another program listens there" if error.errno == errno.EADDRINUSE else error.strerror
-            raise ConfigError(
-                f"cannot listen on {host}:{port} ({reason}); name another --port, 0 for any that is free"
-            ) from error
+            raise ConfigError(f"cannot listen on {_in_url(host)}:{port} ({_why(error)}") from error
         Thread(target=self.serve_forever, daemon=True).start()
 
     def get(self, path: str) -> Answer:
@@ -77,9 +76,10 @@ class LocalServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where a browser finds the page."""
-        host, port = self.server_address[:2]
-        return f"http://{host!s}:{port}/"
+        """Where a browser finds the page: on another machine too, if it is served on all of this one's addresses."""
+        host, port = str(self.server_address[0]), self.server_address[1]
+        host = _own_address(self.address_family) if ip_address(host).is_unspecified else host
+        return f"http://{_in_url(host)}:{port}/"
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread of its own, if there are not too many."""
@@ -148,10 +148,13 @@ class _Handler(BaseHTTPRequestHandler):
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         site = self.headers.get("Sec-Fetch-Site", "none")
         own = origin in (None, f"http://{host}") and (site in ("none", "same-origin") or self.path == "/")
-        if own and _names_here(host, self.server.host):
+        here = _names_here(host, self.server.host)
+        if own and here:
             return True
         self.close_connection = True
-        self._reply(403, "not from this page: open the address that zebrat printed, as it stands")
+        # Which name this machine has is not told: whoever asks may be foreign.
+        got = "" if here else f" (asked for {host!r}; localhost, this machine's number, name and name.local are taken)"
+        self._reply(403, f"not from this page{got}: open the address that zebrat printed, as it stands")
         return False
 
     def _reply(self, status: int, text: str) -> None:
@@ -184,12 +187,34 @@ class _Handler(BaseHTTPRequestHandler):
             self.end_headers()
             while True:
                 version, view = hub.next_view(version, RESEND_S)
-                event = f'{{"seat": "{seat}", "drives": {json.dumps(hub.drives(seat))}, "view": {view}}}'
-                self.wfile.write(f"data: {event}\n\n".encode())
+                whose = f'"sitting": "{hub.sitting}", "seat": "{seat}", "drives": {json.dumps(hub.drives(seat))}'
+                self.wfile.write(f'data: {{{whose}, "view": {view}}}\n\n'.encode())
         except OSError:
             pass  # the tab was closed
         finally:
             hub.leave(seat)
+
+
+def _why(error: OSError) -> str:
+    """Return why an address cannot be listened on, and which option names another."""
+    if error.errno in (errno.EADDRINUSE, errno.EACCES):
+        reason = "another program listens there" if error.errno == errno.EADDRINUSE else error.strerror
+        return f"{reason}); name another --port, 0 for any that is free"
+    return f"{error.strerror}); name another --host: 127.0.0.1 for this machine only, 0.0.0.0 for its network too"
+
+
+def _own_address(family: int) -> str:
+    """Return the number under which other machines find this one; its name where it is in no network."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:  # sends nothing, and no such machine is needed: it asks which way leads out
+            probe.connect(("192.0.2.1" if family == socket.AF_INET else "2001:db8::1", 9))
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])
+
+
+def _in_url(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
 
 
 def _kind(name: str) -> str:
@@ -197,12 +222,13 @@ def _kind(name: str) -> str:
 
 
 def _names_here(host: str, listening_on: str) -> bool:
-    """Return whether a Host header names this machine: by number, as localhost, or as it was told to listen."""
+    """Return whether a Host header names this machine: by number, its own name, as localhost or as told to listen."""
     try:
         name = urlsplit(f"//{host}").hostname or ""
     except ValueError:
         return False
-    if name in ("localhost", listening_on.lower()):
+    own = socket.gethostname().lower()
+    if name in ("localhost", listening_on.lower(), own, f"{own.partition('.')[0]}.local"):
         return True
     try:
         ip_address(name)

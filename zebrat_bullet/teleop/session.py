@@ -59,7 +59,7 @@ def teleop(
     require_writable(folder, folder=True)
     drive = Drive(task, place)
     hub = Hub()
-    server = TeleopServer(host, port, hub, _world_json(drive))
+    server = TeleopServer(host, port, hub, _world_json(drive, hub.sitting))
     on_ready(server.url)
     try:
         for saved in count(1):
@@ -97,6 +97,7 @@ def _show_end(hub: Hub, record: EpisodeRecord, saved: int) -> None:
     hub.show(show_view("over", view, outcome=record.outcome, saved=saved))
 
 
-def _world_json(drive: Drive) -> str:
-    """Return what the page draws that never changes."""
-    return json.dumps({"name": drive.world.name, "walls": walls_of(drive.world)} | car_of(drive))
+def _world_json(drive: Drive, sitting: str) -> str:
+    """Return what the page draws that never changes in this sitting."""
+    world = {"sitting": sitting, "name": drive.world.name, "walls": walls_of(drive.world)}
+    return json.dumps(world | car_of(drive))
