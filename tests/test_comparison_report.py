@@ -245,6 +245,15 @@ def test_fine_tuning_stands_beside_what_it_began_with_on_the_same_starts():
     assert finetuning_section(Evidence(tables(episodes=everyone()))) is None
 
 
+def test_what_a_fine_tuning_began_with_is_shown_on_the_starts_that_were_driven_after_it_alone():
+    runs = [run("before"), run("after", study="finetuning")]
+    drives = [row for place in TRACKS for row in episodes("RL_FOMT", place, "s" * 5 + "c" * 15, run="before")]
+    drives += [row for place in TRACKS for row in episodes("RL_FOMT", place, "s" * 10, study="finetuning", run="after")]
+    made = finetuning_section(Evidence(tables(runs=runs, episodes=drives)))
+    before, after = (row[-4].text for row in next(b for b in made.blocks if isinstance(b, Grid)).rows)
+    assert before.startswith("40 of 80") and after.startswith("80 of 80")
+
+
 def test_a_fine_tuning_whose_beginning_nobody_drove_is_compared_with_nothing():
     after = run("after", study="finetuning")
     rows = episodes("RL_FOMT", "track_1", "sc", study="finetuning", run="after")

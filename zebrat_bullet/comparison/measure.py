@@ -1,7 +1,6 @@
 """How fast this machine is at what a comparison does: each kind of step once, briefly, really run."""
 
 import json
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ from zebrat_bullet.comparison.run import call
 from zebrat_bullet.comparison.steps import Collisions, Judge, Step, Train
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import is_file, read_json
+from zebrat_bullet.processes import usable_cores
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep import runs_of, sweep_command
@@ -68,7 +68,7 @@ def track_kind(config: TrainConfig) -> str:
 
 def at_once(config: TrainConfig) -> int:
     """Return how many such trainings run side by side here."""
-    return max(len(os.sched_getaffinity(0)) // cores_of(config), 1)
+    return max(usable_cores() // cores_of(config), 1)
 
 
 def driver_kind(step: Judge) -> str:

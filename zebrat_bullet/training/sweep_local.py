@@ -12,6 +12,7 @@ from threading import Thread
 
 from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.processes import usable_cores
 from zebrat_bullet.training.run_folder import is_finished
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.sweep_run import (
@@ -57,7 +58,7 @@ def run_locally(
     """
     cores = max(map(cores_of, runs.values()))
     require_workers(workers)
-    workers = max(len(os.sched_getaffinity(0)) // cores, 1) if workers is None else workers
+    workers = max(usable_cores() // cores, 1) if workers is None else workers
     queue = deque(run for run in runs if not is_finished(run))
     deaths: Counter[Path] = Counter()
     working: dict[Path, subprocess.Popen[str]] = {}
