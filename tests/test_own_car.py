@@ -335,6 +335,13 @@ def test_a_lidar_on_its_side_or_in_an_optical_frame_is_refused(tmp_path: Path, r
         Drive(TaskConfig(robot=str(path)), load_world("track_2"))
 
 
+def test_a_lidar_on_its_side_that_sees_a_few_centimetres_beyond_the_outline_is_refused(tmp_path: Path) -> None:
+    """Its beams stand 15 degrees off the vertical, and leave the band 0.70 m above it 4 cm beyond the body's side."""
+    path = OwnCar(lidar='<origin xyz="0 0 0.1" rpy="1.5708 0 0"/>').write(tmp_path)
+    with pytest.raises(RobotError, match=r"none 0\.3 m beyond the car's outline, in \d{2,} of 360 bearings"):
+        Drive(TaskConfig(robot=str(path)), load_world("track_2"))
+
+
 @pytest.mark.parametrize("rpy", ["3.1416 0 0", "0 0.2 0", "0 0 1.5708"])
 def test_a_lidar_upside_down_a_little_tilted_or_turned_sees(tmp_path: Path, rpy: str) -> None:
     path = OwnCar(lidar=f'<origin xyz="0.1 0 0.25" rpy="{rpy}"/>').write(tmp_path)
