@@ -84,7 +84,7 @@ def success(pairs: list[str]) -> dict[str, object]:
     result: dict[str, object] = {}
     for pair in pairs:
         name, _, files = pair.partition("=")
-        scores = [json.loads(Path(file).read_text()) for file in files.split(",")]
+        scores = [json.loads(Path(file).read_text(encoding="utf-8")) for file in files.split(",")]
         result[name] = {
             world: {
                 engine: {"episodes": at[world]["episodes"], "time_s": at[world]["time_s"], **at[world]["causes"]}
@@ -97,7 +97,7 @@ def success(pairs: list[str]) -> dict[str, object]:
 
 def table(file: str) -> str:
     """Return success and mean time in s, PyBullet's and MuJoCo's, a row a world and a column an agent."""
-    agents = json.loads(Path(file).read_text())
+    agents = json.loads(Path(file).read_text(encoding="utf-8"))
     worlds = list(next(iter(agents.values())))
     rows = [f"| world | {' | '.join(agents)} |", "|---" * (len(agents) + 1) + "|"]
     rows += [f"| {world} | {' | '.join(_cell(agents[name][world]) for name in agents)} |" for world in worlds]

@@ -104,7 +104,7 @@ def main() -> None:
     """Write the three pages into the folder."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent.parent / "docs"
     for name, text in pages().items():
-        (folder / name).write_text(text)
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def pages() -> dict[str, str]:

@@ -61,11 +61,11 @@ def random_policy(head: str, activation: str, folder: Path, **provenance: object
 
 def change(path: Path, *keys: str | int, to: object) -> None:
     """Write another value into a `policy.json`, as if it had been exported so."""
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     at = data
     for key in keys[:-1]:
         at = at[key]
     at[keys[-1]] = to
     if keys[0] != "sha256":
         data["sha256"] = digest_of({key: value for key, value in data.items() if key != "sha256"})
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")

@@ -147,7 +147,7 @@ def _copy(source: Path, folder: Path) -> None:
 
 
 def _write(name: str, text: str, folder: Path) -> None:
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
 
 
 def _free_space(folder: Path) -> None:

@@ -94,5 +94,5 @@ class OwnCar:
     def write(self, folder: Path, name: str = "own.urdf") -> Path:
         """Write it into a folder."""
         path = folder / name
-        path.write_text(self.urdf())
+        path.write_text(self.urdf(), encoding="utf-8")
         return path

@@ -71,7 +71,7 @@ class Processes:
 
     def start(self, *command: str) -> subprocess.Popen:
         name = self._folder / f"{len(self._running)}"
-        with open(f"{name}.out", "w") as out, open(f"{name}.err", "w") as err:
+        with open(f"{name}.out", "w", encoding="utf-8") as out, open(f"{name}.err", "w", encoding="utf-8") as err:
             made = subprocess.Popen([sys.executable, *command], env=self.environment, stdout=out, stderr=err)
         made.name = name  # type: ignore[attr-defined]
         self._running.append(made)
@@ -106,13 +106,13 @@ class Processes:
 
 def said(process: subprocess.Popen) -> str:
     """Return what a process wrote on standard error so far."""
-    return Path(f"{process.name}.err").read_text()  # type: ignore[attr-defined]
+    return Path(f"{process.name}.err").read_text(encoding="utf-8")  # type: ignore[attr-defined]
 
 
 def answered(process: subprocess.Popen) -> str:
     """Wait for a process to end well, and return its standard output."""
     assert process.wait(PATIENCE_S) == 0, said(process)
-    return Path(f"{process.name}.out").read_text()  # type: ignore[attr-defined]
+    return Path(f"{process.name}.out").read_text(encoding="utf-8")  # type: ignore[attr-defined]
 
 
 class Probe:

@@ -320,7 +320,7 @@ def test_another_car_is_certified_with_its_own_numbers(tmp_path: Path) -> None:
 def test_a_certificate_survives_being_written(tmp_path: Path, certificate: Certificate) -> None:
     path = save_certificate(certificate, tmp_path / "new")
     assert load_certificate(str(path)) == certificate
-    path.write_text("{}")
+    path.write_text("{}", encoding="utf-8")
     with pytest.raises(ConfigError):
         load_certificate(str(path))
 
@@ -334,7 +334,8 @@ def test_the_command_writes_what_it_could_certify_and_says_what_not(tmp_path: Pa
     narrow = tmp_path / "narrow.yaml"
     narrow.write_text(
         "name: narrow\nstart: {at_m: 1.2, range_x_m: 0, range_y_m: 0, range_yaw_rad: 0}\n"
-        "segments:\n  - {straight: 3, width: 0.7}\n  - {turn: 90}\n  - {straight: 3, width: 0.7}\n"
+        "segments:\n  - {straight: 3, width: 0.7}\n  - {turn: 90}\n  - {straight: 3, width: 0.7}\n",
+        encoding="utf-8",
     )
     zebrat = Path(sys.executable).parent / "zebrat"
     command = [zebrat, "worlds", "real_1", narrow, "--certify", tmp_path / "proofs"]

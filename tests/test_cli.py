@@ -1,6 +1,8 @@
 """The command line as a user meets it: one JSON object last, everything else on stderr, errors that say what to do."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -32,8 +34,8 @@ def test_evaluate_prints_the_agreed_json_and_its_records_replay(tmp_path):
     assert {"success", "collision", "fail", "success_ci", "time_s", "episodes", "caster", "seed"} <= set(world)
     assert world["success"] + world["collision"] + world["fail"] == pytest.approx(1.0)
     assert world["caster"] == "bullet" and world["episodes"] == 3 and world["seed"] == 0
-    assert json.loads((tmp_path / "scores.json").read_text()) == answer
-    assert "| track_2 |" in (tmp_path / "table.md").read_text()
+    assert json.loads((tmp_path / "scores.json").read_text(encoding="utf-8")) == answer
+    assert "| track_2 |" in (tmp_path / "table.md").read_text(encoding="utf-8")
     replayed = result("replay", tmp_path / "records" / "track_2" / "episode_0001.npz")
     assert replayed["exact"] is True
 
@@ -42,7 +44,7 @@ def test_several_agents_are_judged_on_the_same_episodes_and_compared(tmp_path):
     agents = ("random", "dwa:inflation_radius_m=0.3")
     answer = result("evaluate", "--agent", *agents, "--worlds", "track_2", "--episodes", 1, "--out", tmp_path)
     assert list(answer) == list(agents) and answer["random"]["track_2"]["episodes"] == 1
-    table = (tmp_path / "comparison.md").read_text()
+    table = (tmp_path / "comparison.md").read_text(encoding="utf-8")
     assert "| dwa:inflation_radius_m=0.3 | goal, map, pose | 100%, " in table and "| random | - | 0% |" in table
     assert "| least possible | | 15.3 |" in table
     poses = [load_record(path).pose[0] for path in sorted(tmp_path.glob("*/records/track_2/episode_0000.npz"))]
@@ -60,7 +62,7 @@ def test_train_writes_a_run_that_evaluate_accepts(tmp_path):
 
 
 def test_a_run_that_another_process_trains_is_left_alone(tmp_path):
-    (tmp_path / "config.json").write_text("{}")
+    (tmp_path / "config.json").write_text("{}", encoding="utf-8")
     with claim(tmp_path):
         done = zebrat("train", "--resume", "--out", tmp_path, check=False)
     assert done.returncode == 2 and "another process is training in" in done.stderr
@@ -289,7 +291,9 @@ def test_what_is_missing_inside_is_still_our_bug(error, status, tmp_path, monkey
 
 
 def test_what_is_wrong_with_a_car_that_is_listed_is_said_of_that_car(tmp_path, capfd):
-    (tmp_path / "mine.urdf").write_text(find_asset("urdf", "zebrat", ".urdf").read_text())
+    (tmp_path / "mine.urdf").write_text(
+        find_asset("urdf", "zebrat", ".urdf").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     assert main(["robots", str(tmp_path / "mine.urdf"), "--joints", "wheel_radius_m=-1"]) == 1
     assert "mine.urdf: wheel_radius_m is" in capfd.readouterr().err
 
@@ -310,6 +314,16 @@ def test_a_reader_that_is_gone_costs_nothing_and_a_full_or_closed_output_is_told
     full = shell("> /dev/full")
     assert full.returncode == 2
     assert full.stderr.splitlines()[-1] == ("zebrat worlds: standard output cannot be written: No space left on device")
+
+
+def test_a_locale_that_lacks_a_letter_costs_no_result(tmp_path):
+    text = Path(__file__).parent.parent.joinpath("worlds/track_2.yaml").read_text(encoding="utf-8")
+    world = tmp_path / "mine.yaml"
+    world.write_text(re.sub("^description: .*$", "description: Größer", text, flags=re.MULTILINE), encoding="utf-8")
+    ascii_alone = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+    done = subprocess.run([ZEBRAT, "worlds", world], capture_output=True, text=True, env=os.environ | ascii_alone)
+    assert done.returncode == 0, done.stderr
+    assert r"Gr\xf6\xdfer" in done.stdout
 
 
 def test_what_lies_in_a_checkout_alone_is_named_as_such_where_there_is_none(tmp_path):

@@ -283,7 +283,7 @@ def test_a_folder_without_drives_is_free_for_another_study_and_one_with_drives_i
     study._claim(tmp_path, other)
     (tmp_path / "traces" / "solid-track_2-random-smooth-000.npz").touch()
     study._claim(tmp_path, replace(other, n_events=7, walls=("solid",)))
-    (tmp_path / "study.json").write_text("{")
+    (tmp_path / "study.json").write_text("{", encoding="utf-8")
     with pytest.raises(ConfigError, match="readable as JSON"):
         study._claim(tmp_path, other)
 

@@ -62,9 +62,9 @@ SPEED = {"train ddpg, PyBullet": 50.0, "a policy": 1.0, "random": 0.5, "start": 
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    (tmp_path / "manifest.yaml").write_text(TINY)
+    (tmp_path / "manifest.yaml").write_text(TINY, encoding="utf-8")
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "speed.json").write_text(json.dumps(SPEED))  # measured before, so not again
+    (tmp_path / "out" / "speed.json").write_text(json.dumps(SPEED), encoding="utf-8")  # measured before, so not again
     return tmp_path
 
 
@@ -157,7 +157,7 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
     with as_folder(ROOT / "docs/results/paper-rewards.zip") as runs:
         shutil.copytree(runs / cut.name, cut)
     n_kept = len(read_rows(cut / "episodes.csv"))
-    (cut / "summary.json").write_text("{}")
+    (cut / "summary.json").write_text("{}", encoding="utf-8")
     again = {row["run"]: row for row in gather(here)["runs"].to_pylist()}["paper-smoke/ddpg-wg-big_track-seed0"]
     assert again["state"] == "partial" and again["episodes"] == n_kept > 100
     curve = [row for row in tables["learning"].to_pylist() if row["run"] == kept["run"]]
@@ -168,10 +168,10 @@ def test_kept_runs_of_seeds_that_a_budget_does_not_train_are_in_its_tables_each_
 def test_a_training_of_which_an_algorithm_is_kept_trains_only_the_others_and_goes_on_with_what_is_begun(tiny: Path):
     kept = tiny / "kept" / "ddpg-ft-big_track-seed0"
     kept.mkdir(parents=True)
-    (kept / "summary.json").write_text("{}")
+    (kept / "summary.json").write_text("{}", encoding="utf-8")
     path = tiny / "manifest.yaml"
     more = f"rewards: [ft]\n    algos: [ddpg, sac]\n    kept: {tiny / 'kept'}\n    kept_seeds: [0]"
-    path.write_text(TINY.replace("rewards: [ft]", more))
+    path.write_text(TINY.replace("rewards: [ft]", more), encoding="utf-8")
 
     def asked(budget: str) -> list[str]:
         (train,) = (step for step in steps(place(tiny, budget)) if isinstance(step, Train))
@@ -182,7 +182,7 @@ def test_a_training_of_which_an_algorithm_is_kept_trains_only_the_others_and_goe
     # Begun there with one seed more, which a sweep in the same folder must name too.
     begun = tiny / "out" / "training" / "short" / "manifest.json"
     begun.parent.mkdir(parents=True)
-    begun.write_text(json.dumps({"algos": ["sac"], "rewards": ["ft"], "seeds": [0, 7]}))
+    begun.write_text(json.dumps({"algos": ["sac"], "rewards": ["ft"], "seeds": [0, 7]}), encoding="utf-8")
     assert asked("all") == ["sweep", "--algos", "sac", "--rewards", "ft", "--seeds", "0", "7"]
 
 
@@ -205,7 +205,7 @@ def test_a_manifest_that_cannot_be_meant_is_refused_by_the_name_of_what_is_wrong
     tiny: Path, wrong: str, instead: str, said: str
 ):
     path = tiny / "manifest.yaml"
-    path.write_text(TINY.replace(wrong, instead, 1))
+    path.write_text(TINY.replace(wrong, instead, 1), encoding="utf-8")
     with pytest.raises(ConfigError) as refused:
         read_manifest(path)
     assert said in str(refused.value) and "manifest.yaml" in str(refused.value)
@@ -223,7 +223,7 @@ def test_a_training_that_cannot_be_run_is_refused_before_anything_runs(
     tiny: Path, wrong: str, instead: str, said: str, capfd: pytest.CaptureFixture[str]
 ):
     path = tiny / "manifest.yaml"
-    path.write_text(TINY.replace(wrong, instead, 1))
+    path.write_text(TINY.replace(wrong, instead, 1), encoding="utf-8")
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out")]
     assert main(call) == 2
     assert said in capfd.readouterr().err
@@ -240,8 +240,13 @@ def test_an_unknown_budget_or_step_is_refused_with_those_there_are(tiny: Path, c
 
 def test_the_whole_name_of_a_step_chooses_that_step_alone(tiny: Path, capfd: pytest.CaptureFixture[str]):
     path = tiny / "manifest.yaml"
-    path.write_text(TINY.replace("judgements:", "  short-too: {study: paper, asked: much}\njudgements:", 1))
-    path.write_text(path.read_text().replace("trainings: {short: []}", "trainings: {short: [], short-too: []}"))
+    path.write_text(
+        TINY.replace("judgements:", "  short-too: {study: paper, asked: much}\njudgements:", 1), encoding="utf-8"
+    )
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("trainings: {short: []}", "trainings: {short: [], short-too: []}"),
+        encoding="utf-8",
+    )
 
     def chosen(*texts: str) -> list[str]:
         call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
@@ -255,7 +260,7 @@ def test_the_whole_name_of_a_step_chooses_that_step_alone(tiny: Path, capfd: pyt
 
 def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capfd: pytest.CaptureFixture[str]):
     path = tiny / "manifest.yaml"
-    path.write_text(TINY.replace("agent: random", "agent: nobody"))
+    path.write_text(TINY.replace("agent: random", "agent: nobody"), encoding="utf-8")
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
     assert main([*call, "--only", "judge"]) == 1
     said = capfd.readouterr()
@@ -273,15 +278,17 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     random.command()  # prepares the folder
     assert not random.is_done()
     scores = random.folder / "scores.json"
-    scores.write_text(json.dumps({"track_2": {"episodes": 12}}))
+    scores.write_text(json.dumps({"track_2": {"episodes": 12}}), encoding="utf-8")
     assert random.is_done()
-    scores.write_text(json.dumps({"track_2": {"episodes": 11}}))
+    scores.write_text(json.dumps({"track_2": {"episodes": 11}}), encoding="utf-8")
     assert not random.is_done()
-    scores.write_text('{"track_2": {"episo')  # what a kill leaves
+    scores.write_text('{"track_2": {"episo', encoding="utf-8")  # what a kill leaves
     assert not random.is_done()
-    scores.write_text(json.dumps({"track_2": {"episodes": 12}}))
+    scores.write_text(json.dumps({"track_2": {"episodes": 12}}), encoding="utf-8")
     made_by = random.folder / "made_by.json"
-    made_by.write_text(json.dumps(json.loads(made_by.read_text()) | {"sha256": "another"}))
+    made_by.write_text(
+        json.dumps(json.loads(made_by.read_text(encoding="utf-8")) | {"sha256": "another"}), encoding="utf-8"
+    )
     assert not random.is_done()
     random.command()
     assert not scores.exists()
@@ -296,11 +303,12 @@ def test_a_run_that_is_not_finished_has_no_policy_to_be_judged(tiny: Path):
     run.mkdir(parents=True)
     (run / "best.safetensors").write_bytes(b"weights")
     (run / "evaluations.csv").write_text(
-        "episode,total_steps,wall_s,success,collision,fail,time_s,best\n4,100,1.0,0.5,0.25,0.25,20.0,1\n"
+        "episode,total_steps,wall_s,success,collision,fail,time_s,best\n4,100,1.0,0.5,0.25,0.25,20.0,1\n",
+        encoding="utf-8",
     )
     with pytest.raises(ConfigError, match="'short' has no policy of ddpg under ft yet"):
         best_policy(here, "short", "ddpg", "ft")
-    (run / "summary.json").write_text("{}")
+    (run / "summary.json").write_text("{}", encoding="utf-8")
     assert best_policy(here, "short", "ddpg", "ft") == run / "best.safetensors"
     (row,) = gather(here)["runs"].to_pylist()
     assert (row["best_success"], row["best_collision"], row["best_time_s"]) == (0.5, 0.25, 20.0)
@@ -308,7 +316,7 @@ def test_a_run_that_is_not_finished_has_no_policy_to_be_judged(tiny: Path):
 
 def test_what_is_kept_in_tables_is_not_driven_again_and_comes_into_the_new_ones_as_it_is(tiny: Path):
     path, kept = tiny / "manifest.yaml", tiny / "kept"
-    path.write_text(TINY.replace("episodes: 12", "episodes: 2"))
+    path.write_text(TINY.replace("episodes: 12", "episodes: 2"), encoding="utf-8")
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out")]
     assert main([*call, "--only", "judge random", "judge held-out", "--quiet"]) == 0
     driven = gather(place(tiny))
@@ -317,9 +325,11 @@ def test_what_is_kept_in_tables_is_not_driven_again_and_comes_into_the_new_ones_
 
     def elsewhere(old: str = "", new: str = "") -> tuple[Place, list[str]]:
         """The same comparison in an empty folder, with those tables; and the judgements that it has still to drive."""
-        text = path.read_text().replace(old, new) if old else path.read_text()
+        text = path.read_text(encoding="utf-8").replace(old, new) if old else path.read_text(encoding="utf-8")
         manifest = tiny / "other.yaml"
-        manifest.write_text(text.replace("about: all of it", f"about: all of it\n    records: {kept}"))
+        manifest.write_text(
+            text.replace("about: all of it", f"about: all of it\n    records: {kept}"), encoding="utf-8"
+        )
         here = Place(manifest=read_manifest(manifest), budget="all", out=tiny / "empty", checkout=ROOT)
         to_do = [step for step in steps(here) if isinstance(step, Judge) and not step.is_done()]
         return here, [step.cell.judgement for step in to_do]
@@ -370,7 +380,8 @@ def test_the_time_of_a_training_on_planar_cars_holds_the_drawing_of_its_tracks(t
         "  fast: {study: scale, asked: 10 million steps, algos: [ppo], rewards: [ft], preset: general,\n"
         "         set: [steps=10000000, planar.n_tracks=5000]}\n"
         "judgements: {}\n"
-        "budgets: {all: {about: one run, seeds: [0], trainings: {fast: []}, judgements: {}}}\n"
+        "budgets: {all: {about: one run, seeds: [0], trainings: {fast: []}, judgements: {}}}\n",
+        encoding="utf-8",
     )
     here = place(tmp_path)
     planned = steps(here)
@@ -413,7 +424,7 @@ def test_a_training_with_seeds_of_its_own_has_no_others_in_any_budget(tmp_path: 
         "seeds: [0]", "seeds: [1, 2]"
     )
     text = text.replace("worlds: [track_2], episodes: 2,", "seeds: every, worlds: [track_2], episodes: 2,")
-    (tmp_path / "manifest.yaml").write_text(text)
+    (tmp_path / "manifest.yaml").write_text(text, encoding="utf-8")
     for budget in ("all", "more"):
         here = place(tmp_path, budget)
         assert [config.seed for config in here.runs("short").values()] == [1]
@@ -474,7 +485,7 @@ def test_a_fine_tuning_begins_with_the_best_of_all_seeds_and_says_how_to_make_it
 
 def test_a_set_of_fewer_tracks_than_are_asked_for_is_driven_whole(tmp_path: Path):
     (tmp_path / "manifest.yaml").write_text(
-        TINY.replace("sets: [reversals-5], tracks: 3", "sets: [reversals-5, corners], tracks: 300")
+        TINY.replace("sets: [reversals-5], tracks: 3", "sets: [reversals-5, corners], tracks: 300"), encoding="utf-8"
     )
     judged = [step for step in steps(place(tmp_path)) if isinstance(step, Judge) and step.cell.method != "RL_FT"]
     tracks = {step.cell.place: step.made_by()["tracks"] for step in judged}

@@ -100,7 +100,7 @@ def folder(made: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Pa
     """The tables and the page of them."""
     folder = tmp_path_factory.mktemp("comparison")
     write_tables(made, folder)
-    (folder / "notes.md").write_text(NOTES)
+    (folder / "notes.md").write_text(NOTES, encoding="utf-8")
     build_report(folder, folder / "report.html", read_manifest())
     return folder
 
@@ -130,7 +130,7 @@ def test_a_changed_record_changes_the_page(folder, made, tmp_path):
 
 
 def test_what_nobody_drove_is_marked_and_not_filled_in(folder):
-    page = (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text(encoding="utf-8")
     row = re.search(r"<th scope=\"row\">RL_FOMT</th>(.*?)</tr>", page).group(1)
     first = re.findall(r"<td[^>]*>(.*?)</td>", row)
     assert first[0] == "not driven" and "100 %" in first[1]  # big_track is asked for, track_1 was driven
@@ -138,7 +138,7 @@ def test_what_nobody_drove_is_marked_and_not_filled_in(folder):
 
 
 def test_the_notes_are_included_and_can_fetch_or_run_nothing(folder):
-    page = (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text(encoding="utf-8")
     assert "It <em>depends</em>." in page and "<script" not in page and 'src="http' not in page
 
 
@@ -151,10 +151,10 @@ def test_what_the_notes_say_in_short_stands_at_the_top(made):
 
 def test_the_markdown_says_the_same_and_its_pictures_are_there(folder, tmp_path):
     written = build_report(folder, tmp_path / "report.md", read_manifest())
-    text = (tmp_path / "report.md").read_text()
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
     pictures = re.findall(r"!\[[^\]]*\]\((report_pictures/[^)]+)\)", text)
     assert sorted(tmp_path / name for name in pictures) == sorted(written[1:])
-    page = (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text(encoding="utf-8")
     headings = re.findall(r"^#{2,4} (.+)$", text, re.MULTILINE)
     assert len(headings) > 15 and all(f">{escape(heading)}</h" in page for heading in headings)
     links = re.findall(r"\]\(#([^)]+)\)", text)

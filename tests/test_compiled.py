@@ -13,7 +13,7 @@ from zebrat_bullet.planning.compiled import compiled
 def module_in(folder: Path) -> ModuleType:
     """Import a module with one function from a folder."""
     file = folder / "doubling.py"
-    file.write_text("def doubled(x):\n    return 2.0 * x\n")
+    file.write_text("def doubled(x):\n    return 2.0 * x\n", encoding="utf-8")
     spec = importlib.util.spec_from_file_location("doubling", file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

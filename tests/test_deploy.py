@@ -235,7 +235,7 @@ def test_what_cannot_be_relied_on_is_a_stop_that_says_why(driver, case):
 
 
 def test_the_documented_refusals_are_those_that_are_given(driver):
-    page = (Path(__file__).parent.parent / "docs/deploy.md").read_text()
+    page = (Path(__file__).parent.parent / "docs/deploy.md").read_text(encoding="utf-8")
     said = re.findall(r"^\| .* \| `(.*)` \|$", page.partition("## When it stops")[2].partition("\n\n`Driver")[0], re.M)
     given = [decide(driver).refusal for decide, _ in STOPS.values()]
     assert len(said) == 11
@@ -363,7 +363,7 @@ def test_a_definition_that_is_wrong_or_contradicts_itself_is_refused(copy, keys,
 
 @pytest.mark.parametrize("text", ["[]", "3", "[" * 100_000, '{"format": 1e999}', "{'format': 1}"])
 def test_a_definition_that_is_no_mapping_is_refused(copy, text):
-    (copy / "policy.json").write_text(text)
+    (copy / "policy.json").write_text(text, encoding="utf-8")
     with pytest.raises(PolicyError, match=r"policy\.json"):
         Driver.load(copy)
 
@@ -495,7 +495,7 @@ def test_the_command_line_loads_with_numpy_alone_and_says_what_a_command_lacks()
 
 
 def test_a_definition_is_small(folder, tmp_path):
-    assert len(json.dumps(json.loads((folder / "policy.json").read_text()))) < 10_000
+    assert len(json.dumps(json.loads((folder / "policy.json").read_text(encoding="utf-8")))) < 10_000
     export_policy(str(random_policy("argmax", "relu", tmp_path)), tmp_path / "out")
     assert Driver.load(tmp_path / "out").definition.actions.raw is False
 
@@ -505,8 +505,8 @@ def test_a_definition_is_small(folder, tmp_path):
 )
 def test_a_definition_that_was_changed_afterwards_is_refused(copy, was, now):
     path = copy / "policy.json"
-    assert was in path.read_text()
-    path.write_text(path.read_text().replace(was, now))
+    assert was in path.read_text(encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace(was, now), encoding="utf-8")
     with pytest.raises(PolicyError, match="was changed since it was written"):
         Driver.load(copy)
 

@@ -30,7 +30,7 @@ def each_page():
 
 
 def prose(page: Path) -> str:
-    return FENCE.sub("", page.read_text())
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
 
 
 def anchors(page: Path) -> set[str]:
@@ -42,7 +42,7 @@ def anchors(page: Path) -> set[str]:
 def commands(page: Path) -> list[list[str]]:
     """Return every `zebrat ...` in the page's shell blocks, as words; variables stand for themselves."""
     found = []
-    for _, language, text in FENCE.findall(page.read_text()):
+    for _, language, text in FENCE.findall(page.read_text(encoding="utf-8")):
         if language != "sh":
             continue
         for line in re.sub(r"\\\n", " ", text).splitlines():
@@ -111,16 +111,18 @@ def test_the_patterns_find_links_and_commands() -> None:
 
 @pytest.mark.parametrize("name", ["cli.md", "settings.md", "world_files.md"])
 def test_the_reference_pages_are_what_the_program_says(name: str) -> None:
-    assert (DOCS / name).read_text() == reference().pages()[name], "run scripts/docs, and commit what it writes"
+    assert (DOCS / name).read_text(encoding="utf-8") == reference().pages()[name], (
+        "run scripts/docs, and commit what it writes"
+    )
 
 
 def test_every_setting_has_a_meaning() -> None:
-    assert not re.findall(r"^\| `.*\|\s*\|$", (DOCS / "settings.md").read_text(), re.MULTILINE)
+    assert not re.findall(r"^\| `.*\|\s*\|$", (DOCS / "settings.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
 @pytest.mark.parametrize("page", ["environment", "your_own_reward", "train", "cli"])
 def test_every_reward_is_named_where_rewards_are(page: str) -> None:
-    text = (DOCS / f"{page}.md").read_text()
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     assert not [name for name in REWARD_PRESETS if not re.search(rf"\b{name}\b", text)]
     assert f"| {' '.join(REWARD_PRESETS)}, or own: the preset's" in text or page != "cli"
     assert all(f'"{name}"' in str(ZebratEnv.__doc__) for name in REWARD_PRESETS)
@@ -132,13 +134,15 @@ def test_every_page_is_in_the_navigation() -> None:
             return [entry]
         return [name for each in (entry.values() if isinstance(entry, dict) else entry) for name in files(each)]
 
-    listed = files(tomllib.loads((ROOT / ".zensical.toml").read_text())["project"]["nav"])
+    listed = files(tomllib.loads((ROOT / ".zensical.toml").read_text(encoding="utf-8"))["project"]["nav"])
     assert sorted(listed) == sorted(page.name for page in DOCS.glob("*.md"))
 
 
 def test_the_families_of_the_readme_are_those_of_the_record() -> None:
-    scores = json.loads((DOCS / "results" / "allround" / "families.json").read_text())
-    table = re.search(r"^\| \| mixed.*\n\|--.*\n((?:.+\n)+)", (ROOT / "README.md").read_text(), re.MULTILINE)
+    scores = json.loads((DOCS / "results" / "allround" / "families.json").read_text(encoding="utf-8"))
+    table = re.search(
+        r"^\| \| mixed.*\n\|--.*\n((?:.+\n)+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert table
     rows = [row.strip("| ").split(" | ") for row in table[1].splitlines()]
     assert len(rows) == 4
@@ -148,8 +152,10 @@ def test_the_families_of_the_readme_are_those_of_the_record() -> None:
 
 
 def test_the_held_out_sets_of_the_docs_are_those_shipped_and_judged() -> None:
-    judged = json.loads((DOCS / "results" / "allround" / "sets.json").read_text())
-    rows = re.findall(r"^\| `([\w-]+)` \| (\d+ \| \w{12} \| .*) \|$", (DOCS / "families.md").read_text(), re.MULTILINE)
+    judged = json.loads((DOCS / "results" / "allround" / "sets.json").read_text(encoding="utf-8"))
+    rows = re.findall(
+        r"^\| `([\w-]+)` \| (\d+ \| \w{12} \| .*) \|$", (DOCS / "families.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert sorted(name for name, _ in rows) == sorted(path.stem for path in (ROOT / "worlds" / "sets").glob("*.json"))
     for name, said in rows:
         held_out = read_set(name)
@@ -168,7 +174,7 @@ def test_the_held_out_sets_of_the_docs_are_those_shipped_and_judged() -> None:
 
 
 def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
-    seeds = json.loads((DOCS / "results" / "allround" / "seeds.json").read_text())
+    seeds = json.loads((DOCS / "results" / "allround" / "seeds.json").read_text(encoding="utf-8"))
     sets = [
         *(f"reversals-{k}" for k in range(1, 6)),
         "manoeuvres",
@@ -178,7 +184,7 @@ def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
         "boxes",
         "niches",
     ]
-    rows = re.findall(r"^\| (\d) \| (.*) \|$", (DOCS / "families.md").read_text(), re.MULTILINE)
+    rows = re.findall(r"^\| (\d) \| (.*) \|$", (DOCS / "families.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert [seed for seed, _ in rows] == list(seeds)
     for seed, said in rows:
         cells = said.replace("*", "").split(" | ")
@@ -196,8 +202,8 @@ def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
 
 
 def test_every_extra_is_in_the_table_of_extras() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    told = re.findall(r"^\| `(\w+)` \|", (DOCS / "installing.md").read_text(), re.MULTILINE)
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    told = re.findall(r"^\| `(\w+)` \|", (DOCS / "installing.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(told) == sorted(extras)
 
 
@@ -209,9 +215,9 @@ def test_the_five_minute_start_does_what_it_says(
     monkeypatch.chdir(tmp_path)
     page = DOCS / "start.md"
     done = []
-    for _, language, text in FENCE.findall(page.read_text().split("## What next")[0]):
+    for _, language, text in FENCE.findall(page.read_text(encoding="utf-8").split("## What next")[0]):
         if language == "yaml":
-            Path("my_track.yaml").write_text(text)
+            Path("my_track.yaml").write_text(text, encoding="utf-8")
         elif language == "python":
             exec(text, {})
         else:
@@ -236,7 +242,9 @@ def test_the_five_minute_start_does_what_it_says(
 @pytest.mark.parametrize("name, said", [("your_own_reward.md", "-0.15"), ("compare.md", "collision")])
 def test_the_examples_of_a_page_run(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     kept = dict(TERMS)
-    blocks = [text for _, language, text in FENCE.findall((DOCS / name).read_text()) if language == "python"]
+    blocks = [
+        text for _, language, text in FENCE.findall((DOCS / name).read_text(encoding="utf-8")) if language == "python"
+    ]
     names = {"__name__": "page"}
     try:
         for text in blocks:

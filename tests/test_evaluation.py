@@ -128,7 +128,7 @@ def test_a_missing_agent_or_world_is_named_before_anything_is_driven(tmp_path):
 
 def test_a_record_from_a_users_own_world_names_the_file_it_can_be_loaded_from(tmp_path):
     mine = tmp_path / "mine.yaml"
-    mine.write_text((asset_folder("worlds") / "track_2.yaml").read_text())
+    mine.write_text((asset_folder("worlds") / "track_2.yaml").read_text(encoding="utf-8"), encoding="utf-8")
     drive = Drive(EMBREE, load_world(mine))
     record = run_episode(drive, load_agent("random", EMBREE), 0, 0)
     assert replay_episode(drive, record, load_world(record.world)).outcome == record.outcome

@@ -80,7 +80,7 @@ def test_the_folder_holds_plain_layers_a_definition_and_a_card(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["README.md", "policy.json", "policy.onnx"]
     model = onnx.load(tmp_path / "policy.onnx")
     assert {node.op_type for node in model.graph.node} <= set(OPERATIONS)
-    says = json.loads((tmp_path / "policy.json").read_text())
+    says = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))
     assert says["format"] == "zebrat-deploy-1" and says["model"]["sha256"] == made.model_sha256
     region = says["safety_region"]
     assert region["bearings_rad"][region["indices"].index(180)] == 0.0 and len(region["range_m"]) == 152
@@ -88,7 +88,7 @@ def test_the_folder_holds_plain_layers_a_definition_and_a_card(tmp_path):
     assert [part["n"] for part in says["observation"]["parts"]] == [152, 152, *[1] * 22]  # command, and a trail of five
     assert [part["times"] for part in says["action"]["parts"]] == [0.6, 0.6]
     assert says["car"]["wheelbase_m"] == 0.56 and says["control_step_s"] == 0.2
-    card = (tmp_path / "README.md").read_text()
+    card = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "15 million more from the best of these, with a" in card and "judged in simulation only" in card
 
 
@@ -107,30 +107,31 @@ def test_a_run_folder_is_exported_by_its_own_name_and_no_folder_of_this_machine_
     assert export_policy(str(run), tmp_path / "out").name == "my_run"
     for path in (tmp_path / "out").iterdir():
         assert str(tmp_path).encode() not in path.read_bytes()
-    assert '"world.yaml"' in (tmp_path / "out/README.md").read_text()
+    assert '"world.yaml"' in (tmp_path / "out/README.md").read_text(encoding="utf-8")
 
 
 def test_a_car_that_is_a_file_is_told_by_its_name(tmp_path):
     (tmp_path / "mine.urdf").write_bytes(load_robot("zebrat").urdf_path.read_bytes())
     policy = random_policy("tanh", "relu", tmp_path)
     made = export_policy(str(policy), tmp_path / "out", robot=str(tmp_path / "mine.urdf"))
-    assert made.car.name == "mine" and str(tmp_path) not in (tmp_path / "out/policy.json").read_text()
+    assert made.car.name == "mine" and str(tmp_path) not in (tmp_path / "out/policy.json").read_text(encoding="utf-8")
 
 
 def test_a_policy_exported_for_a_car_that_it_was_not_trained_for_says_so(tmp_path, capfd):
     urdf = tmp_path / "higher.urdf"
-    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text()
-    urdf.write_text(text.replace('<origin xyz="0.4 0 0.75"/>', '<origin xyz="0.4 0 0.5"/>'))
+    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text(encoding="utf-8")
+    urdf.write_text(text.replace('<origin xyz="0.4 0 0.75"/>', '<origin xyz="0.4 0 0.5"/>'), encoding="utf-8")
     assert main(["export", "shipped", "--robot", str(urdf), "--out", str(tmp_path / "higher")]) == 0
     told = "lidar_xyz_base (0.4, 0.0, 0.5) instead of (0.4, 0.0, 0.75)"
     said = capfd.readouterr().out
     assert told in said and "judge it on this one" in said
-    assert (
-        f"- **It was trained for another car**, not judged on this one: {told}."
-        in (tmp_path / "higher" / "README.md").read_text()
-    )
+    assert f"- **It was trained for another car**, not judged on this one: {told}." in (
+        tmp_path / "higher" / "README.md"
+    ).read_text(encoding="utf-8")
     assert main(["export", "shipped", "--robot", "zebrat", "--out", str(tmp_path / "same")]) == 0
-    assert "trained for another car" not in capfd.readouterr().out + (tmp_path / "same" / "README.md").read_text()
+    assert "trained for another car" not in capfd.readouterr().out + (tmp_path / "same" / "README.md").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_what_is_no_network_or_was_guided_or_has_another_car_is_not_exported(tmp_path):

@@ -43,7 +43,7 @@ def test_policies_are_judged_on_the_same_tracks_of_each_family(tmp_path: Path) -
 def test_the_command_writes_table_figure_and_scores(tmp_path: Path) -> None:
     options = ["--agent", "shipped", "--families", "corners", "--tracks", "2", "--episodes", "1"]
     assert main(["families", *options, "--out", str(tmp_path)]) == 0
-    score = json.loads((tmp_path / "families.json").read_text())["shipped"]["corners"]
+    score = json.loads((tmp_path / "families.json").read_text(encoding="utf-8"))["shipped"]["corners"]
     assert sum(score["causes"].values()) == 2 and "by_track" not in score
     assert {path.name for path in tmp_path.iterdir()} == {"families.json", "families.md", "families.png"}
 

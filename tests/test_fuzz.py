@@ -33,7 +33,7 @@ def test_a_good_file_is_taken_and_spoiled_ones_are_taken_or_refused(name: str, g
 
 
 def test_the_attack_itself_sees_an_error_of_a_parser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "x.yaml").write_text("a: 1")
+    (tmp_path / "x.yaml").write_text("a: 1", encoding="utf-8")
     door = DOORS["settings"].__class__(lambda folder: None, "x.yaml", [lambda data, chance: b"a: ["], read_yaml_badly)
     with pytest.raises(KeyError):
         attack(door, tmp_path, 0)

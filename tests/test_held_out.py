@@ -98,7 +98,7 @@ def test_a_fingerprint_is_of_the_geometry_alone() -> None:
 
 
 def test_what_is_no_set_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "x.json").write_text("{}")
+    (tmp_path / "x.json").write_text("{}", encoding="utf-8")
     with pytest.raises(ConfigError, match="is not a set of tracks"):
         read_set(str(tmp_path / "x.json"))
     with pytest.raises(AssetError, match="no worlds/sets named 'nowhere'"):
@@ -182,8 +182,8 @@ def test_the_command_line_judges_on_a_set(
     assert main([*asked, "--out", str(tmp_path)]) == 0
     answer = json.loads(capfd.readouterr().out)
     assert answer["shipped"]["sha256"] == made.sha256 and answer["shipped"]["overall"]["tracks"] == 4
-    assert json.loads((tmp_path / "scores.json").read_text()) == answer
-    assert "corners (" in (tmp_path / "table.md").read_text()
+    assert json.loads((tmp_path / "scores.json").read_text(encoding="utf-8")) == answer
+    assert "corners (" in (tmp_path / "table.md").read_text(encoding="utf-8")
 
 
 def test_every_episode_on_a_set_is_kept_with_the_facts_of_its_track(
@@ -197,7 +197,7 @@ def test_every_episode_on_a_set_is_kept_with_the_facts_of_its_track(
     assert main([*asked, "--workers", "1", "--out", str(tmp_path / "out")]) == 0
     kept = [load_set_episodes(path) for path in sorted((tmp_path / "out").glob("episodes-*.npz"))]
     assert {at.agent for at in kept} == set(agents)
-    scores = json.loads((tmp_path / "out" / "scores.json").read_text())
+    scores = json.loads((tmp_path / "out" / "scores.json").read_text(encoding="utf-8"))
     for at in kept:
         assert at.outcome.shape == at.time_s.shape == at.n_reversals.shape == (len(made.tracks), 2)
         assert (at.outcome == "success").sum(axis=1).tolist() == scores[at.agent]["overall"]["by_track"]

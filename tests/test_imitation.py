@@ -225,7 +225,9 @@ def test_dagger_labels_aggregates_and_resumes_to_the_same_weights(demonstrations
 
     # As a kill in iteration 2 leaves it: its labels half gathered, its row not written.
     shutil.copytree(whole, killed)
-    (killed / "iterations.csv").write_text("\n".join((whole / "iterations.csv").read_text().splitlines()[:3]) + "\n")
+    (killed / "iterations.csv").write_text(
+        "\n".join((whole / "iterations.csv").read_text(encoding="utf-8").splitlines()[:3]) + "\n", encoding="utf-8"
+    )
     (killed / "iteration_2" / "policy.safetensors").unlink()
     sorted((killed / "iteration_2").rglob("*.npz"))[-1].unlink()
     resume_imitation(killed)

@@ -11,11 +11,11 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parent.parent
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def constraints() -> list[Requirement]:
-    lines = (ROOT / "scripts" / "constraints.txt").read_text().splitlines()
+    lines = (ROOT / "scripts" / "constraints.txt").read_text(encoding="utf-8").splitlines()
     return [Requirement(line) for line in lines if line and not line.startswith("#")]
 
 
@@ -57,7 +57,7 @@ def setup_with(python: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 def test_setup_refuses_an_old_python(tmp_path):
     old = tmp_path / "old_python"
-    old.write_text("#!/bin/sh\necho 3.10\n")
+    old.write_text("#!/bin/sh\necho 3.10\n", encoding="utf-8")
     old.chmod(0o755)
     done = setup_with(str(old), tmp_path)
     assert done.returncode == 1
@@ -67,7 +67,7 @@ def test_setup_refuses_an_old_python(tmp_path):
 
 def test_setup_refuses_a_python_that_does_not_run(tmp_path):
     stand_in = tmp_path / "python3.12"
-    stand_in.write_text("#!/bin/sh\nexit 127\n")
+    stand_in.write_text("#!/bin/sh\nexit 127\n", encoding="utf-8")
     stand_in.chmod(0o755)
     done = setup_with(str(stand_in), tmp_path)
     assert done.returncode == 1 and f"{stand_in} (does not run)" in done.stderr

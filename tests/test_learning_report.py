@@ -54,7 +54,9 @@ def trained(tmp_path_factory):
 def write_run(folder, episodes, evaluations=(), base=None, **changes):
     """Leave the folder of a run with (outcome, return) episodes of 10 steps and 1 s, and (episode, success, best)."""
     folder.mkdir(parents=True)
-    (folder / "config.json").write_text(to_json(replace(base or paper_config("ddpg", "fomt"), **changes)))
+    (folder / "config.json").write_text(
+        to_json(replace(base or paper_config("ddpg", "fomt"), **changes)), encoding="utf-8"
+    )
     log, judged = (
         CsvLog(folder / "episodes.csv", EPISODE_COLUMNS),
         CsvLog(folder / "evaluations.csv", EVALUATION_COLUMNS),
@@ -85,7 +87,7 @@ def test_the_report_holds_every_figure_its_data_and_the_table(trained, tmp_path)
     for name in ("training_curve", "per_step", "per_hour", "reached"):
         assert matplotlib.image.imread(tmp_path / f"{name}.png").std() > 0.01
         assert rows_of(tmp_path / f"{name}.csv")
-    assert json.loads((tmp_path / "learning.json").read_text()) == summaries
+    assert json.loads((tmp_path / "learning.json").read_text(encoding="utf-8")) == summaries
     assert [(at["algo"], at["reward"], len(at["runs"])) for at in summaries] == [("ddpg", "fomt", 2), ("ddpg", "ft", 1)]
     assert "| ddpg | fomt | 2 | 22 ± 0 |" in text and "unfinished" not in text
 
@@ -141,7 +143,7 @@ def test_an_archive_that_reaches_out_of_itself_is_refused(name, tmp_path):
 
 
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
-    (tmp_path / "runs.zip").write_text("nothing")
+    (tmp_path / "runs.zip").write_text("nothing", encoding="utf-8")
     with pytest.raises(ConfigError, match="no whole zip archive"):
         read_groups([tmp_path / "runs.zip"])
 
@@ -256,7 +258,9 @@ def test_a_run_without_success_an_evaluation_or_even_an_episode_is_shown_without
     json.dumps(summary, allow_nan=False)
     assert "nan" not in text.lower() and "0 / no success of 25" in text
     assert "- seed1: unfinished, 0 of 1,000 episodes" in text and "0 of 2" in text
-    assert not any("nan" in (tmp_path / "out" / f"{name}.csv").read_text() for name in ("per_step", "reached"))
+    assert not any(
+        "nan" in (tmp_path / "out" / f"{name}.csv").read_text(encoding="utf-8") for name in ("per_step", "reached")
+    )
 
 
 def test_a_run_on_planar_cars_is_finished_by_its_summary_alone_and_its_length_is_in_steps(tmp_path):
@@ -267,7 +271,7 @@ def test_a_run_on_planar_cars_is_finished_by_its_summary_alone_and_its_length_is
         judged = [(1100 + seed, 0.5, 1)]
         write_run(run, [("success", 50.0)] * 1100, judged, base=replace(general, steps=20_000), seed=seed)
         if done:
-            (run / "summary.json").write_text("{}")
+            (run / "summary.json").write_text("{}", encoding="utf-8")
     (summary,), text = write_report([tmp_path / "runs"], tmp_path / "out")
     assert "- seed0: unfinished, 11,000 of 20,000 steps" in text and "seed1: unfinished" not in text
     assert summary["unfinished"] == 1
@@ -280,7 +284,7 @@ def test_a_run_under_way_is_read_up_to_its_last_whole_row(trained, tmp_path):
     (folder / "summary.json").unlink()
     with (folder / "episodes.csv").open() as file:
         text = file.read()
-    (folder / "episodes.csv").write_text(text[: text.rindex(",", 0, text.rindex(","))])
+    (folder / "episodes.csv").write_text(text[: text.rindex(",", 0, text.rindex(","))], encoding="utf-8")
     (group,) = read_groups([folder])
     assert len(group.runs[0].episodes["return"]) == 21 and not group.runs[0].finished
 
@@ -292,7 +296,7 @@ def test_folders_that_cannot_be_told_apart_or_hold_no_run_are_refused(trained, t
     shutil.copytree(trained / "ft-seed0", tmp_path / "copy")
     with pytest.raises(ConfigError, match="are the same run, seed 0; name one of them"):
         read_groups([trained, tmp_path])
-    (tmp_path / "copy" / "config.json").write_text("{}")
+    (tmp_path / "copy" / "config.json").write_text("{}", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"copy/config\.json: is not the settings of a training run"):
         read_groups([tmp_path])
 

@@ -39,24 +39,24 @@ WRITERS = {
 def test_a_file_of_the_users_that_is_called_like_an_unfinished_one_is_kept(name, tmp_path):
     theirs = [tmp_path / each for each in ("x.part", f"{name}.part", ".x.part", ".x.part.mp4")]
     for path in theirs:
-        path.write_text("mine")
+        path.write_text("mine", encoding="utf-8")
     WRITERS[name](tmp_path / name)
-    assert all(path.read_text() == "mine" for path in theirs)
+    assert all(path.read_text(encoding="utf-8") == "mine" for path in theirs)
     assert {path.name for path in tmp_path.iterdir()} == {name, *(path.name for path in theirs)}
 
 
 def test_what_fails_leaves_the_folder_as_it_was_and_what_a_kill_has_left_goes(tmp_path):
     path = tmp_path / "new" / "x.txt"
     with pytest.raises(ZeroDivisionError), written_whole(path) as part:
-        part.write_text("half")
+        part.write_text("half", encoding="utf-8")
         raise ZeroDivisionError
     assert not list(path.parent.iterdir())
-    part.write_text("what a kill has left of it, longer than")
+    part.write_text("what a kill has left of it, longer than", encoding="utf-8")
     with written_whole(path) as part:
-        part.write_text("whole")
-    assert path.read_text() == "whole" and [each.name for each in path.parent.iterdir()] == ["x.txt"]
+        part.write_text("whole", encoding="utf-8")
+    assert path.read_text(encoding="utf-8") == "whole" and [each.name for each in path.parent.iterdir()] == ["x.txt"]
     with written_whole(tmp_path / ("x" * 255)) as part:  # the longest that there is
-        part.write_text("whole")
+        part.write_text("whole", encoding="utf-8")
 
 
 def test_to_try_a_place_leaves_nothing_there(tmp_path):
@@ -133,7 +133,7 @@ def test_a_drive_that_could_not_be_written_is_not_begun(command, said, tmp_path,
 def test_an_encoder_that_dies_is_told_with_its_own_words_and_leaves_nothing(when, tmp_path, monkeypatch):
     dies = tmp_path / "ffmpeg"
     reads = "" if when == "at once" else "cat > /dev/null; "
-    dies.write_text(f"#!/bin/sh\n{reads}echo 'No space left on device' >&2; exit 1\n")
+    dies.write_text(f"#!/bin/sh\n{reads}echo 'No space left on device' >&2; exit 1\n", encoding="utf-8")
     dies.chmod(0o755)
     monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: str(dies))
     path = tmp_path / "videos" / "x.mp4"

@@ -41,12 +41,12 @@ def none(task):
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., str]:
     """Returns what writes the driver, a text in it replaced by another, and returns the path of its file."""
-    (tmp_path / "helper.py").write_text("HALF = 0.5\n")
+    (tmp_path / "helper.py").write_text("HALF = 0.5\n", encoding="utf-8")
 
     def written(old: str = "", new: str = "") -> str:
         assert old in DRIVER
         path = tmp_path / "mine.py"
-        path.write_text(DRIVER.replace(old, new, 1) if old else DRIVER)
+        path.write_text(DRIVER.replace(old, new, 1) if old else DRIVER, encoding="utf-8")
         return str(path)
 
     return written
@@ -110,8 +110,8 @@ def test_two_drivers_of_one_name_have_each_its_own_neighbours_and_records(write,
     for share in (0.5, 0.25):
         folder = tmp_path / f"version-{share}"
         folder.mkdir()
-        (folder / "helper.py").write_text(f"HALF = {share}\n")
-        (folder / "mine.py").write_text(Path(write()).read_text())
+        (folder / "helper.py").write_text(f"HALF = {share}\n", encoding="utf-8")
+        (folder / "mine.py").write_text(Path(write()).read_text(encoding="utf-8"), encoding="utf-8")
         agents.append(f"{folder / 'mine.py'}:HalfSpeed")
     made = [load_agent(agent, TaskConfig()) for agent in agents]
     assert [agent.act(None).speed_mps for agent in made] == pytest.approx([0.3, 0.15])

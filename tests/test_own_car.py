@@ -135,12 +135,12 @@ def test_mesh_wheels_and_package_names_are_found(tmp_path: Path, simulate: Calla
 def test_zebrat_with_turned_wheel_joints_drives_as_zebrat(
     tmp_path: Path, robot: object, simulate: Callable[..., Simulation]
 ) -> None:
-    text = (asset_folder("urdf") / "zebrat.urdf").read_text()
+    text = (asset_folder("urdf") / "zebrat.urdf").read_text(encoding="utf-8")
     turned = text.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>').replace('<origin rpy="1.5707963267948966 0 0"/>\n      <geometry><cylinder radius="0.15"', '<geometry><cylinder radius="0.15"')  # noqa: E501  # fmt: skip
     for at in ("-0.271 0.245 0.15", "-0.271 -0.245 0.15", "0 0 0"):
         turned = turned.replace(f'<origin xyz="{at}"/>\n    <axis', f'<origin xyz="{at}" rpy="1.5708 0 0"/>\n    <axis')
     path = tmp_path / "turned.urdf"
-    path.write_text(turned)
+    path.write_text(turned, encoding="utf-8")
     ends = []
     for source in ("zebrat", str(path)):
         sim = simulate(robot=load_robot(source))
@@ -227,7 +227,7 @@ def test_other_vehicles_are_refused_by_name(tmp_path: Path, removed: tuple[str, 
         text = text.replace(f'name="{ROS_JOINTS[role]}" type="continuous"', f'name="{ROS_JOINTS[role]}" type="fixed"')
         text = text.replace(f'name="{ROS_JOINTS[role]}" type="revolute"', f'name="{ROS_JOINTS[role]}" type="fixed"')
     path = tmp_path / "other.urdf"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(RobotError, match=kind):
         load_robot(path)
 
@@ -237,7 +237,9 @@ def test_roles_stand_in_a_yaml_beside_the_urdf_or_on_the_command_line(tmp_path: 
     with pytest.raises(RobotError, match=r"--joints 'left_steering_hinge_joint=front_left_steer'.*lidar_mount=laser"):
         load_robot(path)
     named = load_robot(named_robot(path, JOINTS))
-    (tmp_path / "mine.roles.yaml").write_text("\n".join(f"{role}: {name}" for role, name in ROS_JOINTS.items()))
+    (tmp_path / "mine.roles.yaml").write_text(
+        "\n".join(f"{role}: {name}" for role, name in ROS_JOINTS.items()), encoding="utf-8"
+    )
     written = load_robot(path)
     assert named.wheelbase_m == written.wheelbase_m == pytest.approx(0.32)
     assert load_robot(named_robot(path, ["footprint=hull"])).source.endswith("mine.urdf:footprint=hull")
@@ -384,7 +386,7 @@ def test_what_is_no_tree_of_links_is_refused(tmp_path: Path) -> None:
 def test_xacro_is_expanded_or_the_way_to_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = OwnCar().urdf().replace('<robot name="own">', '<robot name="own" xmlns:xacro="http://www.ros.org/wiki/xacro">'
                                    '<xacro:property name="r" value="0.05"/>')  # fmt: skip
-    (tmp_path / "own.urdf.xacro").write_text(text.replace('radius="0.05"', 'radius="${r}"'))
+    (tmp_path / "own.urdf.xacro").write_text(text.replace('radius="0.05"', 'radius="${r}"'), encoding="utf-8")
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, "xacrodoc", None)
         with pytest.raises(RobotError, match=r"zebrat-bullet\[xacro\]"):

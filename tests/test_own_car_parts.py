@@ -27,7 +27,9 @@ def fixed(name: str, parent: str, inside: str = "", origin: str = "") -> str:
 def test_a_lidar_that_is_steered_or_rolls_is_refused(tmp_path: Path, link: str) -> None:
     text = OwnCar().urdf().replace('<link name="scanner"/>', fixed("scanner", link))
     start = text.index('<joint name="lidar_mount"')
-    (tmp_path / "own.urdf").write_text(text[:start] + text[text.index("</joint>", start) + len("</joint>") :])
+    (tmp_path / "own.urdf").write_text(
+        text[:start] + text[text.index("</joint>", start) + len("</joint>") :], encoding="utf-8"
+    )
     with pytest.raises(RobotError, match=rf"lidar_mount \(scanner\) hangs on {link.split('_')[0]}.*, which moves"):
         load_robot(named_robot(tmp_path / "own.urdf", ["lidar_mount=scanner"]))
 
@@ -88,10 +90,10 @@ def test_a_collada_file_is_read_in_its_unit_and_painted_so(tmp_path: Path, tag: 
     from zebrat_bullet.render.car import Car
 
     trimesh.creation.box((0.45 / 0.0254, 0.30 / 0.0254, 0.12 / 0.0254)).export(tmp_path / "body.dae")
-    text = (tmp_path / "body.dae").read_text()
+    text = (tmp_path / "body.dae").read_text(encoding="utf-8")
     inches = text.replace("<up_axis>", '<unit name="inch" meter="0.0254"/><up_axis>')
     assert inches != text
-    (tmp_path / "body.dae").write_text(inches)
+    (tmp_path / "body.dae").write_text(inches, encoding="utf-8")
     shape = '<origin xyz="0 0 0.12"/><geometry><mesh filename="body.dae" scale="1 0.5 1"/></geometry>'
     car = OwnCar(collision=f"<visual>{shape}</visual>" + (f"<{tag}>{shape}</{tag}>" if tag == "collision" else ""))
     robot = load_robot(named_robot(car.write(tmp_path), ["footprint=hull"]))
@@ -139,9 +141,10 @@ def test_a_xacro_argument_that_the_file_does_not_declare_is_refused(tmp_path: Pa
     pytest.importorskip("xacrodoc")
     text = OwnCar(half_base=0.16).urdf().replace('<robot name="own">', XACRO)
     text = text.replace('radius="0.05"', 'radius="$(arg radius)"').replace('"0.16 ', '"$(arg reach) ')
-    (tmp_path / "own.urdf.xacro").write_text(text)
+    (tmp_path / "own.urdf.xacro").write_text(text, encoding="utf-8")
     (tmp_path / "sizes.xacro").write_text(
-        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="reach" default="0.16"/></robot>'
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="reach" default="0.16"/></robot>',
+        encoding="utf-8",
     )
     path = tmp_path / "own.urdf.xacro"
     assert load_robot(path).wheelbase_m == pytest.approx(0.32)
@@ -154,7 +157,7 @@ def test_a_xacro_argument_that_the_file_does_not_declare_is_refused(tmp_path: Pa
 
 def test_a_fault_in_the_roles_file_is_told_of_that_file_with_the_nearest_name(tmp_path: Path) -> None:
     path = OwnCar().write(tmp_path)
-    (tmp_path / "own.roles.yaml").write_text("wheel_radius: 0.05\n")
+    (tmp_path / "own.roles.yaml").write_text("wheel_radius: 0.05\n", encoding="utf-8")
     with pytest.raises(RobotError, match=r"own\.roles\.yaml: .*'wheel_radius' \(did you mean wheel_radius_m\?\)"):
         load_robot(path)
 

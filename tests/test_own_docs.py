@@ -19,9 +19,9 @@ def test_the_page_on_worlds_of_ones_own_does_what_it_says(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     done = []
-    for name, language, text in BLOCK.findall(PAGE.read_text()):
+    for name, language, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         if language == "yaml":
-            Path(name).write_text(text)
+            Path(name).write_text(text, encoding="utf-8")
         elif language == "python":
             exec(text, {})
         else:
@@ -35,7 +35,7 @@ def test_the_page_on_worlds_of_ones_own_does_what_it_says(
                 if expected:
                     assert "It would stand free at (" in said.err
                 if "oracle" in words:
-                    assert "100%" in (Path(words[words.index("--out") + 1]) / "table.md").read_text()
+                    assert "100%" in (Path(words[words.index("--out") + 1]) / "table.md").read_text(encoding="utf-8")
     assert len(done) >= 9
     for picture in ("look.png", "corridor.png", "room.png", "circuit.png"):
         assert Path(picture).stat().st_size > 5000

@@ -44,7 +44,7 @@ Write = Callable[..., Path]
 def write(tmp_path: Path) -> Write:
     def made(text: str, name: str = "own") -> Path:
         path = tmp_path / f"{name}.yaml"
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         return path
 
     return made

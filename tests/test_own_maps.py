@@ -40,10 +40,10 @@ def load(tmp_path: Path) -> Load:
         text = FIELDS.format(image="map.png") + more
         for field, value in changes.items():
             text = "".join(f"{field}: {value}\n" if line.startswith(field) else line for line in text.splitlines(True))
-        (tmp_path / "map.yaml").write_text(text)
+        (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
         if not keys:
             return load_world(tmp_path / "map.yaml", start=start)
-        (tmp_path / "own.yaml").write_text(f"name: own\nmap: map.yaml\n{keys}\n")
+        (tmp_path / "own.yaml").write_text(f"name: own\nmap: map.yaml\n{keys}\n", encoding="utf-8")
         return load_world(tmp_path / "own.yaml", start=start)
 
     return made
@@ -88,7 +88,7 @@ def test_sixteen_bits_keep_their_walls(suffix: str, tmp_path: Path) -> None:
         (tmp_path / "map.pgm").write_bytes(b"P5 160 80 65535\n" + deep.tobytes())
     else:
         Image.fromarray(deep.astype(np.uint16)).save(tmp_path / "map.png")
-    (tmp_path / "map.yaml").write_text(FIELDS.format(image=f"map.{suffix}"))
+    (tmp_path / "map.yaml").write_text(FIELDS.format(image=f"map.{suffix}"), encoding="utf-8")
     assert load_world(tmp_path / "map.yaml", start=START).walls.bounds == pytest.approx(WALL, abs=1e-3)
 
 
@@ -178,10 +178,10 @@ def test_image_paths_may_be_absolute_or_of_the_home_folder_or_of_a_folder_left_b
     monkeypatch.setenv("HOME", str(home))
     grey(0, 254).save(home / "far.pgm")
     for image in (home / "far.pgm", "~/far.pgm"):
-        (maps / "map.yaml").write_text(FIELDS.format(image=image))
+        (maps / "map.yaml").write_text(FIELDS.format(image=image), encoding="utf-8")
         assert load_world(maps / "map.yaml", start=START).walls.bounds == pytest.approx(WALL, abs=1e-3)
     grey(0, 254).save(maps / "near.pgm")
-    (maps / "map.yaml").write_text(FIELDS.format(image="/home/somebody/maps/near.pgm"))
+    (maps / "map.yaml").write_text(FIELDS.format(image="/home/somebody/maps/near.pgm"), encoding="utf-8")
     with pytest.warns(UserWarning, match="beside the map is taken"):
         assert load_world(maps / "map.yaml", start=START).walls.bounds == pytest.approx(WALL, abs=1e-3)
 
@@ -190,7 +190,7 @@ def test_an_image_handed_over_directly_is_explained(tmp_path: Path) -> None:
     grey(0, 254).save(tmp_path / "map.pgm")
     with pytest.raises(WorldError, match=r"is an image.*write map\.yaml beside it.*resolution: 0\.05"):
         load_world(tmp_path / "map.pgm")
-    (tmp_path / "map.yaml").write_text(FIELDS.format(image="map.pgm"))
+    (tmp_path / "map.yaml").write_text(FIELDS.format(image="map.pgm"), encoding="utf-8")
     with pytest.raises(WorldError, match=r"is an image.*name .*map\.yaml instead"):
         load_world(tmp_path / "map.pgm")
 
@@ -231,7 +231,7 @@ def test_nonsense_in_a_map_file_is_refused_with_file_and_field(load: Load, field
 )
 def test_a_damaged_or_endless_image_is_refused_at_once(data: bytes, tmp_path: Path) -> None:
     (tmp_path / "map.pgm").write_bytes(data)
-    (tmp_path / "map.yaml").write_text(FIELDS.format(image="map.pgm"))
+    (tmp_path / "map.yaml").write_text(FIELDS.format(image="map.pgm"), encoding="utf-8")
     begin = time.process_time()
     with pytest.raises(WorldError, match=r"map\.pgm"):
         load_world(tmp_path / "map.yaml")

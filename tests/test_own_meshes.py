@@ -41,7 +41,7 @@ def load(tmp_path: Path) -> Callable[..., World]:
         mesh.export(tmp_path / f"walls.{suffix}")
         if not keys:
             return load_world(tmp_path / f"walls.{suffix}", start=start)
-        (tmp_path / "own.yaml").write_text(f"name: own\nmesh: walls.{suffix}\n{keys}\n")
+        (tmp_path / "own.yaml").write_text(f"name: own\nmesh: walls.{suffix}\n{keys}\n", encoding="utf-8")
         return load_world(tmp_path / "own.yaml", start=start)
 
     return made
@@ -188,10 +188,10 @@ def test_a_mesh_high_above_the_floor_is_refused_with_its_extents_and_what_stands
 
 @pytest.mark.parametrize(("name", "said"), [("a.world", "Gazebo"), ("a.sdf", "Gazebo"), ("a.dae", "export it as OBJ")])
 def test_other_kinds_of_places_are_refused_by_name(name: str, said: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text("<sdf/>")
+    (tmp_path / name).write_text("<sdf/>", encoding="utf-8")
     with pytest.raises(WorldError, match=said):
         load_world(tmp_path / name)
-    (tmp_path / "own.yaml").write_text(f"name: own\nmesh: {name}\n")
+    (tmp_path / "own.yaml").write_text(f"name: own\nmesh: {name}\n", encoding="utf-8")
     with pytest.raises(WorldError, match=said):
         load_world(tmp_path / "own.yaml")
 
@@ -226,19 +226,23 @@ def test_a_damaged_mesh_is_refused_by_name(suffix: str, tmp_path: Path) -> None:
     ],
 )
 def test_what_the_walls_of_others_do_not_heed_is_refused_by_name(keys: str, said: str, tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").write_text(f"name: own\n{keys}\n")
+    (tmp_path / "own.yaml").write_text(f"name: own\n{keys}\n", encoding="utf-8")
     with pytest.raises(WorldError, match=said):
         load_world(tmp_path / "own.yaml")
 
 
 @pytest.mark.parametrize("source", ["map: map.yaml", "mesh: walls.stl", "free_space: [[[0, 0], [9, 0], [9, 2]]]"])
 def test_a_start_along_segments_is_refused_where_there_are_none(source: str, tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").write_text(f"name: own\n{source}\nstart: {{at_m: 4, pose: [1.5, 0, 0]}}\n")
+    (tmp_path / "own.yaml").write_text(
+        f"name: own\n{source}\nstart: {{at_m: 4, pose: [1.5, 0, 0]}}\n", encoding="utf-8"
+    )
     with pytest.raises(WorldError, match=r"start\.at_m: for `segments` only, and this is a .* remove it"):
         load_world(tmp_path / "own.yaml")
 
 
 def test_keys_of_a_mesh_are_refused_elsewhere(tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").write_text("name: own\nsegments: [{straight: 4, width: 1.5}]\nscale: 2.0\n")
+    (tmp_path / "own.yaml").write_text(
+        "name: own\nsegments: [{straight: 4, width: 1.5}]\nscale: 2.0\n", encoding="utf-8"
+    )
     with pytest.raises(WorldError, match="scale: for a `mesh` only"):
         load_world(tmp_path / "own.yaml")

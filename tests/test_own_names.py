@@ -30,7 +30,7 @@ SHORT = "name: short\nsegments: [{straight: 5, width: 1.5}]\nstart: {at_m: 0.8, 
 @pytest.fixture
 def short(tmp_path: Path) -> Path:
     path = tmp_path / "short.yaml"
-    path.write_text(SHORT)
+    path.write_text(SHORT, encoding="utf-8")
     return path
 
 
@@ -41,7 +41,7 @@ def twins(tmp_path: Path) -> list[Path]:
     for folder, length in (("left", 4), ("right", 5)):
         (tmp_path / folder).mkdir()
         paths.append(tmp_path / folder / "map.yaml")
-        paths[-1].write_text(f"name: map\nsegments: [{{straight: {length}, width: 1.5}}]\n")
+        paths[-1].write_text(f"name: map\nsegments: [{{straight: {length}, width: 1.5}}]\n", encoding="utf-8")
     return paths
 
 
@@ -147,7 +147,7 @@ def test_another_car_has_no_share_in_the_certified_times(short: Path, tmp_path: 
 
 
 def test_what_there_is_of_a_refused_world_is_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "bad.yaml").write_text(SHORT.replace("0.8", "0.3"))
+    (tmp_path / "bad.yaml").write_text(SHORT.replace("0.8", "0.3"), encoding="utf-8")
     picture = tmp_path / "bad.png"
     assert main(["worlds", str(tmp_path / "bad.yaml"), "--draw", "--out", str(picture)]) == 2
     said = capfd.readouterr().err

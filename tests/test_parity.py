@@ -65,5 +65,5 @@ def test_the_command_leaves_tables_and_a_figure(tmp_path, capfd):
     answer = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert answer["all"]["episodes"] == answer["worlds"]["track_2"]["episodes"] == 1
     assert (tmp_path / "parity.png").stat().st_size > 10_000
-    assert (tmp_path / "table.md").read_text().count("| track_2 |") == 1
-    assert len((tmp_path / "worlds.csv").read_text().splitlines()) == 3
+    assert (tmp_path / "table.md").read_text(encoding="utf-8").count("| track_2 |") == 1
+    assert len((tmp_path / "worlds.csv").read_text(encoding="utf-8").splitlines()) == 3

@@ -14,5 +14,5 @@ from zebrat_bullet.planar.kernels.look import look
 def test_the_kernels_compile_for_cuda(tmp_path: Path, kernel: wp.Kernel, arch: int) -> None:
     wp.init()
     (made,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path, use_ptx=True)
-    ptx = Path(made).read_text()
+    ptx = Path(made).read_text(encoding="utf-8")
     assert f".target sm_{arch}" in ptx and f".entry {kernel.key}_" in ptx

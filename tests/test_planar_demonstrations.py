@@ -72,7 +72,9 @@ def test_what_was_killed_goes_on_and_more_tracks_join(folder, tmp_path, monkeypa
         assert path.read_bytes() == (killed / path.name).read_bytes()
     with pytest.raises(ConfigError, match="driven under another families, episodes; name another --out"):
         demonstrate_generated(replace(HOW, families=("corners",), episodes=2), 6, killed)
-    (killed / "tracks.csv").write_text((killed / "tracks.csv").read_text().replace("\n0,2,", "\nx,2,"))
+    (killed / "tracks.csv").write_text(
+        (killed / "tracks.csv").read_text(encoding="utf-8").replace("\n0,2,", "\nx,2,"), encoding="utf-8"
+    )
     with pytest.raises(ZebratError, match=r"tracks\.csv: is no table of tracks"):
         demonstrate_generated(HOW, 6, killed)
 
@@ -150,7 +152,9 @@ def test_a_clone_with_dagger_resumes_to_the_same_weights_and_drives_what_it_sees
     assert policy.observation.size == 66 and policy.layers[0][0].any(axis=0).all()
 
     shutil.copytree(whole, killed)
-    (killed / "iterations.csv").write_text("\n".join((whole / "iterations.csv").read_text().splitlines()[:3]) + "\n")
+    (killed / "iterations.csv").write_text(
+        "\n".join((whole / "iterations.csv").read_text(encoding="utf-8").splitlines()[:3]) + "\n", encoding="utf-8"
+    )
     shutil.rmtree(killed / "iteration_2")
     resume_imitation(killed)
     assert iterations(killed) == rows

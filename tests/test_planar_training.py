@@ -61,10 +61,10 @@ def test_a_run_leaves_a_folder_like_any_other(finished: Path):
     assert {"config.json", "versions.json", "episodes.csv", "evaluations.csv", "summary.json"} <= names
     # Nothing is judged twice, the end neither.
     assert [int(row["total_steps"]) for row in evaluations(finished)] == [2 * STEPS, 4 * STEPS, 6 * STEPS]
-    summary = json.loads((finished / "summary.json").read_text())
+    summary = json.loads((finished / "summary.json").read_text(encoding="utf-8"))
     # Whole rollouts of 16 cars x 16 steps; the run ends at the first step after the sixth.
     assert summary["best"]["total_steps"] % STEPS in (0, 16)
-    assert "warp-lang" in json.loads((finished / "versions.json").read_text())["versions"]
+    assert "warp-lang" in json.loads((finished / "versions.json").read_text(encoding="utf-8"))["versions"]
 
 
 def test_a_run_that_ends_between_two_evaluations_is_judged_at_its_end(tmp_path: Path):
@@ -100,7 +100,7 @@ def test_a_learner_with_a_replay_learns_while_the_cars_drive_and_ends_in_the_sam
         name: load_file(run / "checkpoint" / "networks.safetensors")
         for name, run in (("whole", whole), ("killed", killed))
     }
-    learner_state = json.loads((whole / "checkpoint" / "state.json").read_text())["learner"]
+    learner_state = json.loads((whole / "checkpoint" / "state.json").read_text(encoding="utf-8"))["learner"]
     # Two gradient steps for each step of the 16 cars, but for the first three: the replay is empty, then too young.
     assert learner_state["_n_updates"] == 2 * (learner_state["num_timesteps"] // 16 - 3)
     assert networks["whole"].keys() == networks["killed"].keys()
@@ -151,7 +151,7 @@ def test_a_run_may_know_no_track_but_ones_own_and_choose_its_best_policy_there(t
     train(replace(own, eval_worlds=("track_5",)), tmp_path / "other")
     train(replace(own, eval_worlds=("track_5",), planar=replace(planar, n_eval_tracks=1)), tmp_path / "both")
     assert judged == [["track_2", "track_4"], ["track_5"], ["track_5", f"generated-{VALIDATION_SEED}"]]
-    assert "best" in json.loads((tmp_path / "own" / "summary.json").read_text())
+    assert "best" in json.loads((tmp_path / "own" / "summary.json").read_text(encoding="utf-8"))
     with pytest.raises(ConfigError, match="nothing to choose the best policy by: name eval_worlds"):
         replace(general, worlds=(), planar=replace(general.planar, n_eval_tracks=0))
 
@@ -228,7 +228,7 @@ def test_what_a_fine_tuning_begins_with_is_judged_first_and_stays_the_best_unles
     hasty = replace(begun, learner=replace(begun.learner, lr=0.5))
     train(hasty, tmp_path / "spoilt")
     rows = evaluations(tmp_path / "spoilt")
-    at_best = json.loads((finished / "summary.json").read_text())["best"]
+    at_best = json.loads((finished / "summary.json").read_text(encoding="utf-8"))["best"]
     first = {name: float(rows[0][name]) for name in ("success", "collision")}
     assert rows[0]["total_steps"] == "0" and first == {name: at_best[name] for name in first}
     kept = [row for row in rows if row["best"] == "1"][-1]

@@ -60,7 +60,9 @@ def test_a_leg_is_a_straight_and_the_car_begins_where_the_line_does(robot, tmp_p
 def test_a_world_file_that_was_drawn_can_be_drawn_on(robot, tmp_path):
     drawing = Drawing(points=[(0, 0), (3, 0), (5, 3), (8, 3), (9, 3)], widths=[1.4, 1.3, 1.3, 1.5], radii=[0, 1, 0])
     spec, _ = lay(drawing, robot)
-    again = drawing_of(parse_spec(parse_yaml(write_spec(spec, tmp_path).read_text(), "it", WorldError), "it"))
+    again = drawing_of(
+        parse_spec(parse_yaml(write_spec(spec, tmp_path).read_text(encoding="utf-8"), "it", WorldError), "it")
+    )
     assert np.allclose(np.array(again.points) - (BEHIND_M, 0), drawing.points, atol=0.01)
     assert again.widths == drawing.widths and np.allclose(again.radii, [0, 1, 0], atol=0.01)
     assert lay(again, robot)[0] == spec

@@ -28,7 +28,7 @@ def run(pytester: pytest.Pytester):
     """Run a user's test file beside my_world.yaml: a corridor along x, its walls at y = -0.7 and 0.7."""
 
     def run(code: str) -> pytest.RunResult:
-        pytester.path.joinpath("my_world.yaml").write_text(MY_WORLD)
+        pytester.path.joinpath("my_world.yaml").write_text(MY_WORLD, encoding="utf-8")
         pytester.makepyfile(IMPORTS + code)
         return pytester.runpytest_inprocess("--strict-markers", *QUICK)
 

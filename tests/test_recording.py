@@ -282,7 +282,7 @@ def test_definitions_are_those_of_the_ros_packages_installed_here():
         pytest.skip("no ROS message packages here")
     for name, file in there.items():
         ours = get_types_from_msg(schema_text(name), name)[name][1]
-        assert ours == get_types_from_msg(file.read_text(), name)[name][1], name
+        assert ours == get_types_from_msg(file.read_text(encoding="utf-8"), name)[name][1], name
 
 
 def test_a_supervised_drive_tells_why_it_was_stopped(tmp_path):

@@ -150,9 +150,11 @@ def test_a_mesh_in_the_urdf_is_drawn_in_the_colour_of_its_material(tmp_path, wor
     ball.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.SimpleMaterial(diffuse=[255, 0, 0]))
     ball.export(tmp_path / "ball.obj")
     visual = '<visual><origin xyz="0 0 1"/><geometry><mesh filename="ball.obj"/></geometry></visual>'
-    urdf = load_robot().urdf_path.read_text()
+    urdf = load_robot().urdf_path.read_text(encoding="utf-8")
     root = yourdfpy.URDF.load(str(load_robot().urdf_path), load_meshes=False).base_link
-    (tmp_path / "balloon.urdf").write_text(urdf.replace(f'<link name="{root}">', f'<link name="{root}">{visual}', 1))
+    (tmp_path / "balloon.urdf").write_text(
+        urdf.replace(f'<link name="{root}">', f'<link name="{root}">{visual}', 1), encoding="utf-8"
+    )
     renderer = Renderer(load_robot(str(tmp_path / "balloon.urdf")), world, WIDTH, HEIGHT)
     picture = _views(renderer.frame(frame))
     renderer.close()

@@ -424,10 +424,10 @@ def test_folders_that_are_no_bags_are_refused(tmp_path):
     with pytest.raises(ZebratError, match=r"holds 0 \.mcap and \.db3 files"):
         open_loop(tmp_path)
     bag = write_bag(tmp_path / "bag", Messages(), users_drive(Messages(), n=2))
-    (bag / "metadata.yaml").write_text("a: [1, 2")
+    (bag / "metadata.yaml").write_text("a: [1, 2", encoding="utf-8")
     with pytest.raises(ZebratError, match=r"metadata\.yaml: is not readable as YAML"):
         open_loop(bag)
-    (bag / "metadata.yaml").write_text("a: 1")
+    (bag / "metadata.yaml").write_text("a: 1", encoding="utf-8")
     with pytest.raises(ZebratError, match="ros2 bag reindex"):
         open_loop(bag)
     (bag / "metadata.yaml").unlink()  # as an interrupted recording leaves it

@@ -21,7 +21,7 @@ def conf_file(algo: str) -> Path:
 
 @pytest.mark.parametrize("algo", PAPER)
 def test_a_file_holds_what_zebrat_train_has(algo):
-    theirs, ours = yaml.safe_load(conf_file(algo).read_text())["default"], PAPER[algo]
+    theirs, ours = yaml.safe_load(conf_file(algo).read_text(encoding="utf-8"))["default"], PAPER[algo]
     for name in (
         "buffer_size",
         "batch_size",

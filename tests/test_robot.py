@@ -19,10 +19,10 @@ SMALL_CAR = Path(__file__).parent / "data" / "small_car.urdf"
 
 def edited(tmp_path: Path, old: str, new: str, count: int = -1) -> Path:
     """Return a copy of the small car's URDF in which `old` has become `new`."""
-    text = SMALL_CAR.read_text()
+    text = SMALL_CAR.read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / "edited.urdf"
-    path.write_text(text.replace(old, new, count))
+    path.write_text(text.replace(old, new, count), encoding="utf-8")
     return path
 
 
@@ -63,7 +63,7 @@ def test_a_collision_mesh_counts_like_a_box(tmp_path: Path) -> None:
         (2, 6, 8),
     ]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
-    (tmp_path / "body.obj").write_text("\n".join(lines))
+    (tmp_path / "body.obj").write_text("\n".join(lines), encoding="utf-8")
     path = edited(tmp_path, '<box size="0.48 0.30 0.14"/>', '<mesh filename="body.obj"/>')
     np.testing.assert_allclose(load_robot(path).footprint_base, load_robot(SMALL_CAR).footprint_base, atol=1e-9)
 
@@ -74,7 +74,9 @@ def test_vertices_along_the_sides_of_a_mesh_are_no_corners(tmp_path: Path) -> No
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(30.0), (0, 0, 1)))
     mesh.export(tmp_path / "body.stl")
     path = edited(tmp_path, '<box size="0.48 0.30 0.14"/>', '<mesh filename="body.stl"/>')
-    path.write_text(path.read_text().replace('xyz="0.25 0 0.10"', 'xyz="0 0 0.10"'))  # the bumper, into the box
+    path.write_text(
+        path.read_text(encoding="utf-8").replace('xyz="0.25 0 0.10"', 'xyz="0 0 0.10"'), encoding="utf-8"
+    )  # the bumper, into the box
     corners = np.array([[-0.2, 0.1], [-0.2, -0.1], [0.2, -0.1], [0.2, 0.1]]) @ rotation_2d(np.radians(30.0)).T
     seen = load_robot(f"{path}:footprint=collision").footprint_base  # its wheels stand outside
     np.testing.assert_allclose(seen, corners, atol=1e-6)
@@ -116,7 +118,7 @@ def test_contradictions_are_refused(tmp_path: Path, old: str, new: str, count: i
 
 def test_a_file_that_is_no_urdf_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "poem.urdf"
-    path.write_text("Tyger Tyger, burning bright")
+    path.write_text("Tyger Tyger, burning bright", encoding="utf-8")
     with pytest.raises(RobotError, match="cannot be read as a URDF"):
         load_robot(path)
 

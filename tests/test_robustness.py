@@ -219,7 +219,7 @@ def test_tables_and_figure_show_agents_side_by_side(tmp_path: Path) -> None:
     assert "| a | ±20% | w | 9 of 10 | 59.6%-98.2% | 1 | - |" in together
     assert "| b, supervised | ±20% | all | 13 of 20 | 43.3%-81.9% | 7 | - |" in together
     draw_robustness(summary, tmp_path / "figure.svg")
-    text = (tmp_path / "figure.svg").read_text()
+    text = (tmp_path / "figure.svg").read_text(encoding="utf-8")
     assert text.count('id="axes_') == 2
     assert json.loads(json.dumps(summary)) == summary
 
@@ -227,13 +227,13 @@ def test_tables_and_figure_show_agents_side_by_side(tmp_path: Path) -> None:
 def test_a_folder_from_before_a_setting_came_is_gone_on_with(tmp_path: Path) -> None:
     claim_folder(tmp_path, "rows", TASK, seed=0)
     path = tmp_path / "study.json"
-    then = json.loads(path.read_text())
+    then = json.loads(path.read_text(encoding="utf-8"))
     del then["task"]["disturbance"]
-    path.write_text(json.dumps(then))
+    path.write_text(json.dumps(then), encoding="utf-8")
     claim_folder(tmp_path, "rows", TASK, seed=0)
     with pytest.raises(ConfigError, match="another task"):
         claim_folder(tmp_path, "rows", disturbed(TASK, "mass", 1.2), seed=0)
-    path.write_text("[]")
+    path.write_text("[]", encoding="utf-8")
     with pytest.raises(ConfigError, match="holds no settings of a study"):
         claim_folder(tmp_path, "rows", TASK, seed=0)
 
@@ -253,10 +253,11 @@ class Stands:
 
     def act(self, reading):
         return Command(0.0, 0.0)
-"""
+""",
+        encoding="utf-8",
     )
     place = tmp_path / "place.yaml"
-    place.write_text(find_asset("worlds", "real_1", ".yaml").read_text())
+    place.write_text(find_asset("worlds", "real_1", ".yaml").read_text(encoding="utf-8"), encoding="utf-8")
     agent = f"{tmp_path / 'mine.py'}:Stands"
     study = replace(STUDY, agents=(agent,), axes={"mass": (1.0,)}, worlds=(str(place),), episodes=1)
     assert [row.stall for row in run_study(study, tmp_path / "out")] == [1]
@@ -264,12 +265,15 @@ class Stands:
         file.write("# the same, edited\n")
     rows = run_study(study, tmp_path / "out")
     assert len(rows) == 2 and len({row.weights for row in rows}) == 2 and all(len(row.weights) == 8 for row in rows)
-    place.write_text(place.read_text().replace("straight: 4.4, width: 1.4", "straight: 4.4, width: 1.5"))
+    place.write_text(
+        place.read_text(encoding="utf-8").replace("straight: 4.4, width: 1.4", "straight: 4.4, width: 1.5"),
+        encoding="utf-8",
+    )
     with pytest.raises(ConfigError, match=r"another .*place\.yaml; name another --out"):
         run_study(study, tmp_path / "out")
     study_file = tmp_path / "out" / "study.json"
-    then = json.loads(study_file.read_text())
-    study_file.write_text(json.dumps(then | {"car": "of before", "worlds": {}}))
+    then = json.loads(study_file.read_text(encoding="utf-8"))
+    study_file.write_text(json.dumps(then | {"car": "of before", "worlds": {}}), encoding="utf-8")
     with pytest.raises(ConfigError, match="another car; name another --out"):
         run_study(study, tmp_path / "out")
 
@@ -314,7 +318,7 @@ def test_a_damaged_table_is_refused_with_the_row(tmp_path: Path) -> None:
     log = CsvLog(tmp_path / "robustness.csv", COLUMNS)
     log.append(asdict(row("mass", 1.0, 1)))
     path = tmp_path / "robustness.csv"
-    path.write_text(path.read_text().replace(",1.0,", ",x,"))
+    path.write_text(path.read_text(encoding="utf-8").replace(",1.0,", ",x,"), encoding="utf-8")
     with pytest.raises(ZebratError, match=r"robustness\.csv: holds a row of another kind, a,,,w,mass,x,"):
         read_table(tmp_path)
 
@@ -367,6 +371,6 @@ def test_the_command_writes_table_figure_and_rows(tmp_path: Path, capfd: pytest.
     names = {"robustness.csv", "robustness.json", "robustness.md", "robustness.png", "study.json"}
     assert {path.name for path in tmp_path.iterdir()} == names
     # The pose that planners get errs by 5 cm and 3 degrees, unless it is said otherwise.
-    study = json.loads((tmp_path / "study.json").read_text())
+    study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
     assert study["task"]["disturbance"]["pose_sigma_m"] == 0.05
     assert study["task"]["disturbance"]["pose_sigma_rad"] == pytest.approx(math.radians(3.0))

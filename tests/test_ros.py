@@ -304,7 +304,7 @@ def test_a_parameter_file_for_other_nodes_alone_is_refused(processes, tmp_path, 
     path = tmp_path / "drive.yaml"
     indent = "  " * (1 + first_line.count("\n"))
     lines = [f"{indent}ros__parameters:", f"{indent}  margin_m: 0.25  # wide: yes"]
-    path.write_text("\n".join(["# of the car", first_line, *lines]) + "\n")
+    path.write_text("\n".join(["# of the car", first_line, *lines]) + "\n", encoding="utf-8")
     arguments = ["--params-file", str(path), *renamed]
     with ros(arguments):
         if told:
@@ -316,7 +316,7 @@ def test_a_parameter_file_for_other_nodes_alone_is_refused(processes, tmp_path, 
             node.destroy_node()
     # Beside one that is meant another may be of other nodes; a -p of another is told all the same.
     other = tmp_path / "other.yaml"
-    other.write_text("camera:\n  ros__parameters:\n    rate: 5\n")
+    other.write_text("camera:\n  ros__parameters:\n    rate: 5\n", encoding="utf-8")
     if not told:
         with ros(both := [*arguments, "--params-file", str(other)]):
             make_node("zebrat_drive", both).destroy_node()
@@ -350,7 +350,7 @@ def test_the_last_stop_is_waited_for_until_it_is_acknowledged(processes, policy,
     base = processes.start("-c", HANGING_BASE)
     driver = processes.drive(policy, sim_time=False)
     heard = Path(f"{base.name}.out")
-    probe.until(lambda: _sent(lidar, lambda: cloud(good)) and "heard" in heard.read_text())
+    probe.until(lambda: _sent(lidar, lambda: cloud(good)) and "heard" in heard.read_text(encoding="utf-8"))
     base.send_signal(signal.SIGSTOP)
     driver.send_signal(signal.SIGTERM)
     probe.until(lambda: probe.commands and probe.commands[-1][1] == 0.0)
@@ -397,11 +397,11 @@ def test_a_policy_that_is_none_is_refused(processes, policy, tmp_path):
 
 
 def test_the_page_and_its_parameter_file_are_true(processes):
-    page, example = (DOCS / "ros.md").read_text(), DOCS / "ros" / "drive.yaml"
+    page, example = (DOCS / "ros.md").read_text(encoding="utf-8"), DOCS / "ros" / "drive.yaml"
     for settings in (DriveSettings, SimSettings):
         for each in fields(settings):
             assert f"`{each.name}`" in page, each.name
-    assert example.read_text().split("\n", 1)[1] in page
+    assert example.read_text(encoding="utf-8").split("\n", 1)[1] in page
     with ros(["--params-file", str(example), "-p", "margin_m:=1"]):
         node = make_node("zebrat_drive")
         read = read_parameters(node, DriveSettings)

@@ -252,10 +252,10 @@ def test_clouds_and_scans_of_a_lidar_mounted_otherwise_say_the_same_as_of_a_leve
     driver.drive_cloud(points)
     expected = driver.last_scan.ranges_m.copy()
     urdf = tmp_path / "mine.urdf"
-    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text()
+    text = (Path(__file__).parent.parent / "urdf" / "zebrat.urdf").read_text(encoding="utf-8")
     level = re.search(r'<joint name="lidar_mount".*?<origin xyz="[^"]*"()', text, re.DOTALL)
     assert level and 'rpy="' not in text[level.end() : level.end() + 5], "the mount in zebrat.urdf"
-    urdf.write_text(f'{text[: level.end()]} rpy="{rpy[0]} {rpy[1]} {rpy[2]}"{text[level.end() :]}')
+    urdf.write_text(f'{text[: level.end()]} rpy="{rpy[0]} {rpy[1]} {rpy[2]}"{text[level.end() :]}', encoding="utf-8")
     rotation = rotation_from_rpy(*rpy)
     turned = _exported(tmp_path / "policy", robot=str(urdf))
     assert np.allclose(turned.car.lidar_rotation_base, rotation)

@@ -163,7 +163,7 @@ def definitions(name: str) -> list[str]:
     """Return the modules that define a function or class of this name."""
     found = []
     for path in sorted(PACKAGE.rglob("*.py")):
-        nodes = ast.walk(ast.parse(path.read_text()))
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         kinds = (ast.FunctionDef, ast.ClassDef)
         found += [str(path.relative_to(PACKAGE)) for node in nodes if isinstance(node, kinds) and node.name == name]
     return found
@@ -192,7 +192,7 @@ def test_a_simulation_holds_no_reward_rule_or_setting_of_its_own(path):
     """Numbers of the paper: 8 m, discount 0.9, 50 at the end, 70 and 1000 steps, 13 gaps."""
     paper = {(type(number), number) for number in (8.0, 0.9, 50.0, 70, 1000, 13)}
     outcomes = {str(outcome) for outcome in Outcome}
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Constant):
             assert not (isinstance(node.value, str) and node.value in {*outcomes, *TERMS}), node.value
             assert (type(node.value), node.value) not in paper, node.value

@@ -558,6 +558,6 @@ def test_the_command_line_judges_with_a_supervisor(tmp_path: Path, capfd: pytest
     assert main(["evaluate", "--agent", "random", *options, "--supervised", "0.01", "--out", str(tmp_path)]) == 0
     answer = json.loads(capfd.readouterr().out)["track_2"]
     assert answer["collision"] == 0.0 and answer["supervision"]["margin_m"] == 0.01
-    assert "stops a minute" in (tmp_path / "table.md").read_text()
+    assert "stops a minute" in (tmp_path / "table.md").read_text(encoding="utf-8")
     assert main(["evaluate", "--agent", "random", *options, "--supervised", "-1", "--out", str(tmp_path)]) == 2
     assert "supervised_m" in capfd.readouterr().err

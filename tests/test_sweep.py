@@ -48,7 +48,7 @@ def episodes(run: Path) -> list[int]:
 def holder(run: Path) -> int | None:
     """Return the process that last held a run."""
     lock = run / "lock"
-    said = lock.read_text().split() if lock.exists() else []
+    said = lock.read_text(encoding="utf-8").split() if lock.exists() else []
     return int(said[1]) if len(said) == 2 else None
 
 
@@ -74,7 +74,7 @@ def test_a_killed_worker_is_resumed_a_failing_run_fails_alone_and_nothing_finish
     runs = open_sweep(Sweep(algos=("ddpg", "sac"), worlds=("track_2",), seeds=(0, 1), set=TINY), folder)
     killed, _, broken, _ = runs
     (broken / "checkpoint").mkdir(parents=True)  # holds nothing: to resume from it raises
-    (broken / "config.json").write_text(to_json(runs[broken]))
+    (broken / "config.json").write_text(to_json(runs[broken]), encoding="utf-8")
 
     sweep = zebrat_sweep(folder)
     os.kill(wait_until_in_the_middle(killed, sweep), signal.SIGKILL)
@@ -83,7 +83,9 @@ def test_a_killed_worker_is_resumed_a_failing_run_fails_alone_and_nothing_finish
     summaries = json.loads(said)
     assert sweep.returncode == 1 and f"1 of 4 runs failed: {broken.name}" in errors
     assert {name for name, summary in summaries.items() if "error" in summary} == {broken.name}
-    assert "FileNotFoundError" in summaries[broken.name]["error"] and "Traceback" in (broken / "error.txt").read_text()
+    assert "FileNotFoundError" in summaries[broken.name]["error"] and "Traceback" in (broken / "error.txt").read_text(
+        encoding="utf-8"
+    )
     assert all(episodes(run) == list(range(1, 21)) for run in runs if run != broken)
     begun, ended = ((killed / name).stat().st_mtime for name in ("versions.json", "summary.json"))
     assert begun < at < ended  # it went on from its checkpoint: a new beginning writes versions.json
@@ -110,7 +112,7 @@ def test_a_run_whose_process_keeps_dying_is_given_up(tmp_path):
                 child.kill()
 
     run_locally(runs, workers=1, retries=1, on_tick=kill_the_worker)
-    assert "its process died 2 times, at last with status -9" in (run / "error.txt").read_text()
+    assert "its process died 2 times, at last with status -9" in (run / "error.txt").read_text(encoding="utf-8")
     assert status(run).state == "failed"
 
 
@@ -124,7 +126,7 @@ def test_a_run_belongs_to_one_process_at_a_time(tmp_path):
 
 
 def test_a_finished_run_is_left_as_it_is(tmp_path):
-    (tmp_path / "summary.json").write_text("{}")
+    (tmp_path / "summary.json").write_text("{}", encoding="utf-8")
     assert perform(TrainConfig(), tmp_path) is Outcome.DONE
     assert {path.name for path in tmp_path.iterdir()} == {"summary.json", "lock"}
 
@@ -155,14 +157,14 @@ def test_the_car_of_a_sweep_is_that_of_its_runs(tmp_path):
 def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp_path):
     ((run, config),) = open_sweep(Sweep(), tmp_path).items()
     (run / "checkpoint").mkdir(parents=True)
-    (run / "config.json").write_text(to_json(config))
+    (run / "config.json").write_text(to_json(config), encoding="utf-8")
     open_sweep(Sweep(), tmp_path)
     settings = json.loads(to_json(config))
     del settings["stop_at"]  # as a version wrote it that did not know this setting
     settings["attempts"] = 1  # and had one that is gone
-    (run / "config.json").write_text(json.dumps(settings))
+    (run / "config.json").write_text(json.dumps(settings), encoding="utf-8")
     open_sweep(Sweep(), tmp_path)
-    (run / "config.json").write_text(to_json(TrainConfig(episodes=7)))
+    (run / "config.json").write_text(to_json(TrainConfig(episodes=7)), encoding="utf-8")
     with pytest.raises(ConfigError, match=r"trained with other settings \(episodes\)"):
         open_sweep(Sweep(), tmp_path)
 
@@ -223,16 +225,16 @@ def test_files_of_a_sweep_are_found_from_anywhere_with_their_places_too(tmp_path
 
 def test_a_yaml_manifest_names_a_sweep(tmp_path):
     path = tmp_path / "sweep.yaml"
-    path.write_text("algos: [ddpg, sac]\nseeds: [0, 1, 2]\nset: [episodes=50]\n")
+    path.write_text("algos: [ddpg, sac]\nseeds: [0, 1, 2]\nset: [episodes=50]\n", encoding="utf-8")
     assert sweep_of(read_manifest(path)) == Sweep(algos=("ddpg", "sac"), seeds=(0, 1, 2), set=("episodes=50",))
-    path.write_text("algorithms: [ddpg]")
+    path.write_text("algorithms: [ddpg]", encoding="utf-8")
     with pytest.raises(ConfigError, match="keys of algos, rewards, worlds, seeds, preset, robot, set"):
         read_manifest(path)
 
 
 def test_the_commands_options_prevail_over_the_manifest(tmp_path):
     manifest, out = tmp_path / "sweep.yaml", tmp_path / "sweep"
-    manifest.write_text("algos: [ppo]\nseeds: [0, 1]\n")
+    manifest.write_text("algos: [ppo]\nseeds: [0, 1]\n", encoding="utf-8")
     tiny = f"--manifest {manifest} --worlds track_2 --set episodes=1 eval_episodes=1 task.episode.max_steps=5 --quiet"
     assert main(["sweep", *tiny.split(), "--out", str(out), "--seed", "3", "--seeds", "4"]) != 0 and not out.exists()
     assert main(["sweep", *tiny.split(), "--out", str(out), "--seed", "3"]) == 0
@@ -244,8 +246,10 @@ def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):
     rows = [
         f"{k},{100 * k},{0.5 * k},0,w,{'success' if k > 990 else 'collision'},1.0,100,0.1\n" for k in range(1, 1001)
     ]
-    (tmp_path / "episodes.csv").write_text(header + "".join(rows) + "1001,1001")  # the last is being written
-    (tmp_path / "evaluations.csv").write_text("episode,success\n500,0.75\n1000,0.5\n")
+    (tmp_path / "episodes.csv").write_text(
+        header + "".join(rows) + "1001,1001", encoding="utf-8"
+    )  # the last is being written
+    (tmp_path / "evaluations.csv").write_text("episode,success\n500,0.75\n1000,0.5\n", encoding="utf-8")
     now = status(tmp_path)
     assert (now.state, now.episode, now.success, now.best) == ("waiting", 1000, 0.5, 0.75)
     assert now.steps_per_s == pytest.approx(200)
@@ -253,7 +257,7 @@ def test_a_status_is_read_from_the_ends_of_the_logs(tmp_path):
 
 def test_of_a_table_that_grows_only_whole_rows_are_read_and_of_its_end_only_those_within_it(tmp_path):
     table = tmp_path / "table.csv"
-    table.write_text("episode,success\n1,0.25\n2,0.50\n3,0.60\n4,0.7")  # the last was to be 0.75
+    table.write_text("episode,success\n1,0.25\n2,0.50\n3,0.60\n4,0.7", encoding="utf-8")  # the last was to be 0.75
     assert [row["success"] for row in read_rows(table)] == ["0.25", "0.50", "0.60"]
     assert read_rows(table, last_bytes=14) == [{"episode": "3", "success": "0.60"}]
     assert read_rows(tmp_path / "none.csv") == []

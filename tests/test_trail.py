@@ -184,13 +184,13 @@ def test_on_the_road_it_reckons_as_its_agent_does_also_over_a_lost_scan(tmp_path
 def test_its_definition_names_the_trails_parts_and_another_wheelbase_is_refused(tmp_path):
     export_policy(str(follower(tmp_path)), tmp_path / "out")
     path = tmp_path / "out" / DEFINITION_FILE
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     parts = data["observation"]["parts"]
     assert sum(part["n"] for part in parts) == SEEN.size
     assert parts[-1]["what"] == "trail: cosine of yaw 4 steps ago"
-    assert "8 x where it was 1, 4 steps ago" in (tmp_path / "out" / "README.md").read_text()
+    assert "8 x where it was 1, 4 steps ago" in (tmp_path / "out" / "README.md").read_text(encoding="utf-8")
     export_policy("shipped", tmp_path / "without")
-    without = json.loads((tmp_path / "without" / DEFINITION_FILE).read_text())["observation"]
+    without = json.loads((tmp_path / "without" / DEFINITION_FILE).read_text(encoding="utf-8"))["observation"]
     assert "trail_steps" not in without  # those exported before there were trails stay as they are
     other = PolicyAgent(
         "other",

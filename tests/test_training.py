@@ -140,7 +140,7 @@ def test_a_run_leaves_all_that_is_needed_to_trust_it(tmp_path):
     rows = CsvLog(folder / "episodes.csv", EPISODE_COLUMNS).rows()
     assert [int(row["episode"]) for row in rows] == list(range(1, 9))
     assert all((folder / name).exists() for name in ("best.safetensors", "best.zip", "last.safetensors", "tensorboard"))
-    versions = json.loads((folder / "versions.json").read_text())
+    versions = json.loads((folder / "versions.json").read_text(encoding="utf-8"))
     assert versions["versions"]["torch"] == torch.__version__
     assert summarise(folder)["episodes"] == 8
     assert load_agent(str(folder), TaskConfig()).provenance["config"]["episodes"] == 8
@@ -158,7 +158,7 @@ def kill_after_episode(folder, config, episode: int) -> None:
     process = subprocess.Popen([sys.executable, "-c", code, to_json(config), str(folder)], stderr=subprocess.DEVNULL)
     log = folder / "episodes.csv"
     while process.poll() is None:
-        if log.exists() and len(log.read_text().splitlines()) > episode:
+        if log.exists() and len(log.read_text(encoding="utf-8").splitlines()) > episode:
             break
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
@@ -206,11 +206,11 @@ def test_environments_in_processes_of_their_own_change_no_number(algo, tmp_path)
 
 
 def test_a_run_resumed_from_another_folder_goes_on_in_its_own_world(tmp_path, monkeypatch):
-    text = find_asset("worlds", "track_2", ".yaml").read_text()
-    (tmp_path / "mine.yaml").write_text(text)
+    text = find_asset("worlds", "track_2", ".yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     train(replace(TINY, worlds=("mine.yaml",), eval_worlds=("mine.yaml", "track_1"), episodes=1), Path("run"))
-    config = json.loads(Path("run/config.json").read_text())
+    config = json.loads(Path("run/config.json").read_text(encoding="utf-8"))
     assert config["worlds"] == [f"{tmp_path}/mine.yaml"] and config["eval_worlds"] == [
         f"{tmp_path}/mine.yaml",
         "track_1",
@@ -260,11 +260,13 @@ def test_settings_of_older_versions_are_read_without_what_is_gone():
 
 def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text("episodes: 7\nlearner: {hidden: [8, 8], sigma: 0.2}\ntask: {reward: {weights: {M: 0}}}\n")
+    path.write_text(
+        "episodes: 7\nlearner: {hidden: [8, 8], sigma: 0.2}\ntask: {reward: {weights: {M: 0}}}\n", encoding="utf-8"
+    )
     config = with_overrides(TINY, overrides_of(path))
     assert config.episodes == 7 and config.learner == replace(TINY.learner, hidden=(8, 8), sigma=0.2)
     assert config.task.reward.weights == {"F": 1.0, "O": 1.0, "M": 0.0, "T": 1.0}
-    path.write_text("planar: {margin_m: {corners: 0.01, other: [0.0, 0.02]}}\n")
+    path.write_text("planar: {margin_m: {corners: 0.01, other: [0.0, 0.02]}}\n", encoding="utf-8")
     on_planar_cars = replace(TINY, episodes=1000, steps=100, planar=PlanarConfig())
     planar = with_overrides(on_planar_cars, overrides_of(path)).planar
     assert planar is not None and planar.margin_m == {"corners": 0.01, "other": (0.0, 0.02)}
@@ -274,7 +276,7 @@ def test_a_yaml_file_overrides_as_key_value_texts_do(tmp_path):
         with pytest.raises(ConfigError, match="set steps or max_minutes"):
             with_overrides(on_planar_cars, never)
     assert with_overrides(on_planar_cars, ["max_minutes=1", "steps=null"]).steps is None
-    path.write_text("- episodes")
+    path.write_text("- episodes", encoding="utf-8")
     with pytest.raises(ConfigError, match="must hold settings as `key: value`, got list"):
         overrides_of(path)
     with pytest.raises(ConfigError, match="no such file"):
@@ -479,8 +481,10 @@ def test_a_device_that_is_not_there_is_refused_before_tracks_are_drawn(tmp_path,
 
 
 def test_a_summary_counts_the_steps_after_the_last_episode_that_was_logged(tmp_path):
-    (tmp_path / "episodes.csv").write_text("episode,total_steps\n1,300\n")
-    (tmp_path / "evaluations.csv").write_text(",".join(EVALUATION_COLUMNS) + "\n1,512,2.0,0.5,0.5,0,9.0,1\n")
+    (tmp_path / "episodes.csv").write_text("episode,total_steps\n1,300\n", encoding="utf-8")
+    (tmp_path / "evaluations.csv").write_text(
+        ",".join(EVALUATION_COLUMNS) + "\n1,512,2.0,0.5,0.5,0,9.0,1\n", encoding="utf-8"
+    )
     assert summarise(tmp_path)["total_steps"] == 512
 
 
@@ -495,11 +499,11 @@ def test_settings_given_twice_all_count(tmp_path, capfd):
         "task.reward.collision=-77",
     ]
     assert main(["train", "--worlds", "track_2", *tiny, "--out", str(runs / "one")]) == 0
-    made = json.loads((runs / "one" / "config.json").read_text())
+    made = json.loads((runs / "one" / "config.json").read_text(encoding="utf-8"))
     assert (made["episodes"], made["task"]["reward"]["collision"], made["learner"]["hidden"]) == (1, -77.0, [8])
     made_by_sweep = ["sweep", "--worlds", "track_2", *tiny, "--seeds", "0", "--out", str(runs / "sweep"), "--quiet"]
     assert main(made_by_sweep) == 0
-    told = json.loads((runs / "sweep" / "manifest.json").read_text())["set"]
+    told = json.loads((runs / "sweep" / "manifest.json").read_text(encoding="utf-8"))["set"]
     assert {"episodes=1", "task.reward.collision=-77"} <= set(told)
 
 

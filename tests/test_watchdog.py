@@ -100,8 +100,8 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], World]:
     """Loads a shipped world or one of this file's."""
     folder = tmp_path_factory.mktemp("worlds")
     own = {"room": folder / "room.yaml", "straight": folder / "straight.yaml"}
-    own["room"].write_text(ROOM)
-    own["straight"].write_text(STRAIGHT)
+    own["room"].write_text(ROOM, encoding="utf-8")
+    own["straight"].write_text(STRAIGHT, encoding="utf-8")
     return lambda name: load_world(own.get(name, name))
 
 

@@ -31,7 +31,7 @@ segments:
 
 
 def write(folder: Path, text: str, name: str = "w.yaml") -> Path:
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     return folder / name
 
 
@@ -88,8 +88,11 @@ def test_the_summary_gives_length_width_and_turns(
 
 
 def test_the_big_track_is_tracks_1_2_and_3_in_a_row() -> None:
-    parts = [yaml.safe_load((asset_folder("worlds") / f"track_{i}.yaml").read_text())["segments"] for i in (1, 2, 3)]
-    whole = yaml.safe_load((asset_folder("worlds") / "big_track.yaml").read_text())["segments"]
+    parts = [
+        yaml.safe_load((asset_folder("worlds") / f"track_{i}.yaml").read_text(encoding="utf-8"))["segments"]
+        for i in (1, 2, 3)
+    ]
+    whole = yaml.safe_load((asset_folder("worlds") / "big_track.yaml").read_text(encoding="utf-8"))["segments"]
     assert whole == [segment for part in parts for segment in part]
 
 

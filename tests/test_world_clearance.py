@@ -25,14 +25,17 @@ def corridor(
     """Return the corridor with one more box in it."""
     boxes = [trimesh.creation.box(each, translation_matrix(at)) for each, at in [*WALLS, (size, middle)]]
     trimesh.util.concatenate(boxes).export(folder / "walls.stl")
-    (folder / "own.yaml").write_text(f"name: own\nmesh: walls.stl\nstart: {{pose: [0.5, 0.8, 0]}}\n{more}\n")
+    (folder / "own.yaml").write_text(
+        f"name: own\nmesh: walls.stl\nstart: {{pose: [0.5, 0.8, 0]}}\n{more}\n", encoding="utf-8"
+    )
     return load_world(folder / "own.yaml", robot=robot)
 
 
 def track(folder: Path, robot: RobotModel, bottom: float, at: tuple[float, float] = (3.0, 0.0)) -> World:
     (folder / "own.yaml").write_text(
         "name: own\nsegments: [{straight: 6, width: 1.6}]\nobstacles:\n"
-        f"  - {{box: [{at[0]}, {at[1]}], size: [0.3, 1.4], bottom_m: {bottom}, height_m: {bottom + 0.3}}}\n"
+        f"  - {{box: [{at[0]}, {at[1]}], size: [0.3, 1.4], bottom_m: {bottom}, height_m: {bottom + 0.3}}}\n",
+        encoding="utf-8",
     )
     return load_world(folder / "own.yaml", robot=robot)
 

@@ -98,7 +98,7 @@ CASES = {
 def test_a_bad_world_is_refused_with_file_field_and_remedy(case: str, tmp_path: Path) -> None:
     text, field, remedy = CASES[case]
     path = tmp_path / "bad.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(WorldError) as caught:
         load_world(path)
     message = str(caught.value)
@@ -109,7 +109,7 @@ def test_a_bad_world_is_refused_with_file_field_and_remedy(case: str, tmp_path: 
 
 def test_the_plain_track_that_the_bad_ones_vary_is_good(tmp_path: Path) -> None:
     path = tmp_path / "good.yaml"
-    path.write_text(GOOD)
+    path.write_text(GOOD, encoding="utf-8")
     assert load_world(str(path)).name == "bad"
 
 
@@ -128,7 +128,7 @@ def test_a_sketch_shows_where_the_car_would_be_free_only_if_it_is_not_where_it_s
     tmp_path: Path, start: str, is_free: bool
 ) -> None:
     path = tmp_path / "own.yaml"
-    path.write_text(GOOD + f"start: {{{start}}}\n")
+    path.write_text(GOOD + f"start: {{{start}}}\n", encoding="utf-8")
     draw_sketches([sketch_world(str(path))], tmp_path / "own.png", load_robot("zebrat").footprint_base)
     picture = np.asarray(Image.open(tmp_path / "own.png").convert("RGB")).reshape(-1, 3)
     violet = (np.abs(picture.astype(int) - (0x7A, 0x4F, 0xD0)) < 3).all(axis=1)

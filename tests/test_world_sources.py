@@ -34,7 +34,7 @@ def write_map(folder: Path, text: str = MAP) -> Path:
     cells[:, 120:122] = 0
     cells[0, 0] = 205
     Image.fromarray(cells).save(folder / "map.pgm")
-    (folder / "map.yaml").write_text(text)
+    (folder / "map.yaml").write_text(text, encoding="utf-8")
     return folder / "map.yaml"
 
 
@@ -65,7 +65,8 @@ def test_a_mesh_with_centre_line_and_exit_is_a_whole_track(tmp_path: Path) -> No
     corners = [[1.5, 0.0], *track.waypoints.tolist()]
     (tmp_path / "w.yaml").write_text(
         f"name: mine\nmesh: walls.stl\nstart: {{pose: [1.5, 0, 0]}}\ncentre_line: {corners}\n"
-        f"open_line: {track.open_line.tolist()}\n"
+        f"open_line: {track.open_line.tolist()}\n",
+        encoding="utf-8",
     )
     world = load_world(tmp_path / "w.yaml")
     assert np.allclose(world.open_line, track.open_line)

@@ -56,9 +56,9 @@ def export_policy(name_or_path: str, folder: Path, robot: str | None = None) -> 
     definition = _definition(agent, task, named, hashlib.sha256(model).hexdigest())
     folder.mkdir(parents=True, exist_ok=True)
     (folder / MODEL_FILE).write_bytes(model)
-    (folder / DEFINITION_FILE).write_text(_json(definition))
+    (folder / DEFINITION_FILE).write_text(_json(definition), encoding="utf-8")
     others = not_as_trained(name_or_path, definition.car)
-    (folder / CARD_FILE).write_text(model_card(agent, definition, _own_card(name_or_path), others))
+    (folder / CARD_FILE).write_text(model_card(agent, definition, _own_card(name_or_path), others), encoding="utf-8")
     return definition
 
 

@@ -87,7 +87,7 @@ def planar_text(result: dict[str, dict[str, Any]]) -> str:
 def hardware() -> dict[str, str | int]:
     """Return what this runs on: the processor's name, its cores, and the threads that are used."""
     info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return {"cpu": names[0] if names else platform.processor(), "cores": os.cpu_count() or 1, "threads": 1}
 

@@ -45,7 +45,7 @@ def bench(arguments: argparse.Namespace) -> Result:
         )
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(json.dumps(result, indent=2))
+        arguments.out.write_text(json.dumps(result, indent=2), encoding="utf-8")
     return result, show(result)
 
 

@@ -84,8 +84,8 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     every = {agent: _evaluate_one(arguments, what, out / names[agent])[0] for agent, what in judgements.items()}
     table = comparison_table(every, all(_certified(arguments, what.task) for what in judgements.values()))
     result = {agent: {world: score.as_dict() for world, score in scores.items()} for agent, scores in every.items()}
-    (out / "comparison.json").write_text(json.dumps(result, indent=2))
-    (out / "comparison.md").write_text(table + "\n")
+    (out / "comparison.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
+    (out / "comparison.md").write_text(table + "\n", encoding="utf-8")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
 
 
@@ -116,8 +116,10 @@ def _evaluate_one(arguments: argparse.Namespace, what: "Judgement", out: Path) -
         judged = judge(what, lambda at: bar.update(shown, advance=1, description=f"judging {what.agent}, {at}"))
     scores = {world: judged[reference] for world, reference in zip(arguments.worlds, what.worlds, strict=True)}
     table = score_table(scores, _certified(arguments, what.task))
-    (out / "scores.json").write_text(json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2))
-    (out / "table.md").write_text(table + "\n")
+    (out / "scores.json").write_text(
+        json.dumps({world: score.as_dict() for world, score in scores.items()}, indent=2), encoding="utf-8"
+    )
+    (out / "table.md").write_text(table + "\n", encoding="utf-8")
     return scores, table
 
 

@@ -32,8 +32,8 @@ def families(arguments: argparse.Namespace) -> Result:
     table = families_table(scores)
     out.mkdir(parents=True, exist_ok=True)
     draw_families(scores, out / "families.png")
-    (out / "families.json").write_text(json.dumps(result, indent=1))
-    (out / "families.md").write_text(table + "\n")
+    (out / "families.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
+    (out / "families.md").write_text(table + "\n", encoding="utf-8")
     return result, f"{table}\n\nsuccess in % of all episodes / on the worst tenth of the tracks, mean reversals: {out}"
 
 

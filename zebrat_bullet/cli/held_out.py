@@ -129,8 +129,8 @@ def evaluate_set(arguments: argparse.Namespace) -> Result:
         )
     out.mkdir(parents=True, exist_ok=True)
     table, result = set_table(scores), {agent: score.as_dict() for agent, score in scores.items()}
-    (out / "scores.json").write_text(json.dumps(result))
-    (out / "table.md").write_text(table + "\n")
+    (out / "scores.json").write_text(json.dumps(result), encoding="utf-8")
+    (out / "table.md").write_text(table + "\n", encoding="utf-8")
     return result, f"{table}\n\n{out}"
 
 
@@ -158,7 +158,7 @@ def evaluate_generated(arguments: argparse.Namespace) -> Result:
         workers=_workers(arguments),
     )
     out.mkdir(parents=True, exist_ok=True)
-    (out / "generated.json").write_text(json.dumps(score.as_dict()))
+    (out / "generated.json").write_text(json.dumps(score.as_dict()), encoding="utf-8")
     low, high = score.success_ci
     text = (
         f"{score.tracks} tracks x {score.starts} starts: {score.success:.2%} ({low:.2%}-{high:.2%}), worst tenth of "

@@ -91,7 +91,7 @@ def _say(text: str, stdout: TextIO, command: str) -> int:
     try:
         print(text, file=stdout, flush=True)
     except OSError as error:
-        with open(os.devnull, "w") as nowhere:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
             os.dup2(nowhere.fileno(), stdout.fileno())  # for what is left of it
         if not isinstance(error, BrokenPipeError):
             print(f"zebrat {command}: standard output cannot be written: {error.strerror}", file=sys.stderr)
@@ -153,7 +153,7 @@ def _real_stdout() -> Iterator[TextIO]:
     saved = os.dup(1)
     os.dup2(2, 1)
     try:
-        with os.fdopen(os.dup(saved), "w") as stream:
+        with os.fdopen(os.dup(saved), "w", errors="backslashreplace") as stream:  # a locale may lack a letter
             yield stream
     finally:
         sys.stdout.flush()

@@ -71,8 +71,8 @@ def robustness(arguments: argparse.Namespace) -> Result:
     summary = summarise(rows)
     table = everything_table(summary) if together else robustness_table(summary)
     draw_robustness(summary, out / "robustness.png")
-    (out / "robustness.json").write_text(json.dumps(summary, indent=1))
-    (out / "robustness.md").write_text(table + "\n")
+    (out / "robustness.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+    (out / "robustness.md").write_text(table + "\n", encoding="utf-8")
     return summary, f"{table}\n\nfigure, table and every row driven: {out}"
 
 

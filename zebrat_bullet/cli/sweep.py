@@ -103,7 +103,10 @@ def _table(runs: Mapping[Path, Any]) -> "Table":
 def _summary(run: Path) -> dict[str, Any]:
     from zebrat_bullet.training.run_folder import ERROR, read_summary
 
-    return read_summary(run) or {"folder": str(run), "error": (run / ERROR).read_text().splitlines()[-1]}
+    return read_summary(run) or {
+        "folder": str(run),
+        "error": (run / ERROR).read_text(encoding="utf-8").splitlines()[-1],
+    }
 
 
 def _line(name: str, summary: Mapping[str, Any]) -> str:

@@ -47,8 +47,8 @@ def width(arguments: argparse.Namespace) -> Result:
     summary = summarise(rows, certified, task)
     table = width_table(summary)
     draw_width(summary, out / "width.png")
-    (out / "width.json").write_text(json.dumps(summary, indent=1))
-    (out / "width.md").write_text(table + "\n")
+    (out / "width.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+    (out / "width.md").write_text(table + "\n", encoding="utf-8")
     return summary, f"{table}\n\nfigure, table and every passage driven: {out}"
 
 

@@ -48,7 +48,7 @@ def measure(place: Place, to_do: Sequence[Step]) -> dict[str, float]:
             folder = Path(scratch) / str(number)
             for name, value in _measured(place, step, folder, speed).items():
                 speed[name] = value
-                path.write_text(json.dumps(speed, indent=1))
+                path.write_text(json.dumps(speed, indent=1), encoding="utf-8")
     return speed
 
 

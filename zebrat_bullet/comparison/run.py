@@ -94,7 +94,7 @@ def _why(one: _Running) -> str:
     status = one.process.returncode
     if status == 0 and one.step.is_done():
         return ""
-    said = one.log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+    said = one.log.read_text(errors="replace", encoding="utf-8").strip().splitlines() or ["it said nothing"]
     return f"status {status}: {said[-1][-_TAIL:]} (all of it: {one.log})"
 
 
@@ -115,7 +115,7 @@ def call(command: Sequence[str], log: Path) -> int:
 def _start(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
     code = "import sys; from zebrat_bullet.cli import main; sys.exit(main())"
     log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("w") as file:
+    with log.open("w", encoding="utf-8") as file:
         file.write(f"zebrat {' '.join(command)}\n")
         file.flush()
         return subprocess.Popen(

@@ -220,10 +220,10 @@ class Judge:
         """Return the evaluation; what another agent has left in the folder goes."""
         made_by = self.made_by()
         path = self.folder / MADE_BY
-        if not is_file(path) or path.read_text() != json.dumps(made_by):
+        if not is_file(path) or path.read_text(encoding="utf-8") != json.dumps(made_by):
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)
-            path.write_text(json.dumps(made_by))
+            path.write_text(json.dumps(made_by), encoding="utf-8")
         where = ["--set", self.cell.place] if self.cell.is_set else ["--worlds", self.cell.place]
         tracks = ["--tracks", str(made_by["tracks"])] if made_by["tracks"] else []
         return [

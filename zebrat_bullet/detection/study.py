@@ -150,7 +150,7 @@ def _claim(folder: Path, study: Study) -> None:
             raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")
         return
     (folder / "traces").mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(mine, indent=2))
+    path.write_text(json.dumps(mine, indent=2), encoding="utf-8")
 
 
 def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progress: Progress) -> list[Path]:

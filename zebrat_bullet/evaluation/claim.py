@@ -71,7 +71,7 @@ def claim_data_set(folder: Path, task: TaskConfig, worlds: Mapping[str, World] |
 
 def _write(path: Path, common: Mapping[str, Any]) -> None:
     with written_whole(path) as part:
-        part.write_text(json.dumps(common, indent=1))
+        part.write_text(json.dumps(common, indent=1), encoding="utf-8")
 
 
 def _any_caster(task: TaskConfig) -> TaskConfig:

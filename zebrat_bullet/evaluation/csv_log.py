@@ -86,7 +86,7 @@ class CsvLog:
         self._mended = True
 
     def _write(self, path: Path, mode: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        with path.open(mode, newline="") as file:
+        with path.open(mode, newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self._columns)
             if mode == "w":
                 writer.writeheader()

@@ -70,7 +70,7 @@ def save_set(tracks: TrackSet, folder: Path) -> Path:
     rows = ",\n".join(f"  {json.dumps(list(asdict(track).values()))}" for track in tracks.tracks)
     path = folder / f"{tracks.name}.json"
     with written_whole(path) as part:
-        part.write_text(f'{json.dumps(head, indent=1)[:-2]},\n "tracks": [\n{rows}\n ]\n}}\n')
+        part.write_text(f'{json.dumps(head, indent=1)[:-2]},\n "tracks": [\n{rows}\n ]\n}}\n', encoding="utf-8")
     return path
 
 

@@ -42,8 +42,8 @@ def imitate(config: ImitationConfig, folder: Path, on_progress: Callable[[str], 
         raise ConfigError(f"{folder} holds a run already; continue it with --resume or name another folder")
     run = _Run(config, folder, on_progress)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.json").write_text(to_json(config))
-    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
+    (folder / "config.json").write_text(to_json(config), encoding="utf-8")
+    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2), encoding="utf-8")
     run.drive_on()
 
 

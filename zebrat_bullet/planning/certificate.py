@@ -159,7 +159,7 @@ def save_certificate(certificate: Certificate, folder: Path) -> Path:
         text = text.replace(f'"@{i}"', json.dumps(pose))
     path = folder / f"{certificate.world}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text + "\n")
+    path.write_text(text + "\n", encoding="utf-8")
     return path
 
 

@@ -116,5 +116,5 @@ def write_ros_map(grid: OccupancyGrid, path: Path) -> Path:
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    text.write_text(yaml.safe_dump(fields, sort_keys=False))
+    text.write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
     return text

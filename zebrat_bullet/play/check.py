@@ -86,14 +86,14 @@ def drawn(data: object, robot: RobotModel, folder: Path) -> Track:
     except WorldError as error:
         return Track(drawing=plain(drawing), problem=Problem(text=str(error), at=error.at))
     path = write_spec(spec, folder)
-    track = _loaded(path, path.read_text(), robot, plain(drawing), origin)
+    track = _loaded(path, path.read_text(encoding="utf-8"), robot, plain(drawing), origin)
     if track.problem is None or _OPEN_SPACE not in track.problem.details:
         return track
     laid = build_world(spec, path)
     assert laid.open_line is not None
     left, right = (tuple(end) for end in laid.open_line.round(3).tolist())
     path = write_spec(spec.model_copy(update={"goal": (left, right)}), folder)
-    again = _loaded(path, path.read_text(), robot, plain(drawing), origin)
+    again = _loaded(path, path.read_text(encoding="utf-8"), robot, plain(drawing), origin)
     return again if again.world is None else replace(again, note=_GOAL_DECIDES, searched=laid)
 
 
@@ -108,7 +108,7 @@ def opened(text: str, robot: RobotModel, folder: Path) -> Track:
     spec = _spec_of(text)
     drawing = drawing_of(spec)
     path = folder / "opened.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return _loaded(path, text, robot, None if drawing is None else plain(drawing), Pose2(0.0, 0.0, 0.0))
 
 

@@ -63,7 +63,7 @@ def summary(loop: OpenLoop, tolerance: Sequence[float] = TOLERANCE) -> dict[str,
 
 def write_differences(loop: OpenLoop, path: Path, tolerance: Sequence[float] = TOLERANCE) -> None:
     """Write a row for each scan as CSV, whole or not at all; what there is not is an empty cell."""
-    with written_whole(path) as part, part.open("w", newline="") as file:
+    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
         table.writerows(_row(answer, tolerance) for answer in loop.answers)

@@ -26,7 +26,7 @@ def write_report(study: Study, results: Results, posts: Mapping[str, Results], f
     text = study_text(results, load_robot(study.task.robot).footprint_base)
     if posts:
         text += "\n\n**Posts**\n\n" + posts_table(posts)
-    (folder / "table.md").write_text(text + "\n")
+    (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     draw_counts(results, folder / "counts.png")
     draw_misses(results, study.task.robot, folder / "misses.png")
     draw_sweeps(results, folder / "sweeps.png")

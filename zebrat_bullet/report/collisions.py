@@ -174,7 +174,7 @@ def posts_table(posts: Mapping[str, Results]) -> str:
 def write_events(results: Results, path: Path) -> None:
     """Write one row a contact: where and how it happened, and what each base case made of it (CSV)."""
     kinds_of_walls = list(dict.fromkeys(walls for walls, _ in results))
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         writer: csv.DictWriter[str] | None = None
         for walls in kinds_of_walls:
             tallies = base_tallies(results, walls)
@@ -191,7 +191,7 @@ def write_events(results: Results, path: Path) -> None:
 
 def write_cases(results: Results, path: Path) -> None:
     """Write one row a case and kind of walls (CSV)."""
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         writer: csv.DictWriter[str] | None = None
         for (walls, case), tally in results.items():
             what, at = case.representation, asdict(summarise(tally))

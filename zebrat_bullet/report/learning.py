@@ -38,8 +38,8 @@ def write_report(folders: Iterable[Path], out: Path) -> tuple[list[dict[str, Any
     draw_reached(summaries, out / "reached.png")
     _write_csv([_reached_row(at) for at in summaries], out / "reached.csv")
     text = learning_table(summaries)
-    (out / "learning.md").write_text(text + "\n")
-    (out / "learning.json").write_text(json.dumps(summaries, indent=2))
+    (out / "learning.md").write_text(text + "\n", encoding="utf-8")
+    (out / "learning.json").write_text(json.dumps(summaries, indent=2), encoding="utf-8")
     return summaries, text
 
 
@@ -134,7 +134,7 @@ def _reached_row(at: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _write_csv(rows: Sequence[Mapping[str, object]], path: Path) -> None:
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows(rows)

@@ -23,7 +23,7 @@ def write_report(parity: Parity, folder: Path) -> str:
     _write_csv(folder / "drivers.csv", map(parity.driver_row, DRIVERS))
     _write_csv(folder / "episodes.csv", _episode_rows(parity))
     text = parity_text(parity)
-    (folder / "table.md").write_text(text + "\n")
+    (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     draw_parity(parity, folder / "parity.png")
     return text
 
@@ -102,7 +102,7 @@ def _episode_rows(parity: Parity) -> list[dict[str, Any]]:
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     listed: Sequence[Mapping[str, Any]] = list(rows)
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(listed[0]))
         writer.writeheader()
         writer.writerows(listed)

@@ -155,8 +155,10 @@ def _urdf_file(robot: RobotModel) -> Iterator[Path]:
         return
     with TemporaryDirectory(prefix="zebrat-") as folder:
         file = Path(folder) / "car.urdf"
-        file.write_text(robot.plain_urdf)
-        (file.parent / BODY_FILE).write_text(trimesh.convex.convex_hull(robot.plain_body).export(file_type="obj"))
+        file.write_text(robot.plain_urdf, encoding="utf-8")
+        (file.parent / BODY_FILE).write_text(
+            trimesh.convex.convex_hull(robot.plain_body).export(file_type="obj"), encoding="utf-8"
+        )
         yield file
 
 

@@ -60,7 +60,9 @@ def save_checkpoint(
         learner["replay"] = {"pos": buffer.pos, "full": buffer.full}
         kept |= {f"replay/{name}": getattr(buffer, name)[: buffer.size()] for name in _REPLAY}
     np.savez(part / ARRAYS, **kept)  # type: ignore[arg-type]
-    (part / STATE).write_text(json.dumps(state | {"learner": learner, "randomness": _randomness(model)}))
+    (part / STATE).write_text(
+        json.dumps(state | {"learner": learner, "randomness": _randomness(model)}), encoding="utf-8"
+    )
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
         folder.rename(old)

@@ -65,8 +65,8 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
     require_init(config)
     config = _from_any_folder(config)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.json").write_text(to_json(config))
-    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2))
+    (folder / "config.json").write_text(to_json(config), encoding="utf-8")
+    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2), encoding="utf-8")
     _run_where(config)(config, folder, on_progress, resume=False)
     _finish(folder)
 
@@ -110,7 +110,7 @@ def require_run(folder: Path) -> None:
 def _finish(folder: Path) -> None:
     """Write the summary, whose presence says that the run is over."""
     with written_whole(folder / SUMMARY) as part:
-        part.write_text(json.dumps(summarise(folder), indent=2))
+        part.write_text(json.dumps(summarise(folder), indent=2), encoding="utf-8")
 
 
 def _run_where(config: TrainConfig) -> Callable[..., None]:

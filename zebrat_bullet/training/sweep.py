@@ -111,7 +111,7 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
     for run, config in runs.items():
         _refuse_other_settings(run, config)
     with written_whole(manifest) as part:
-        part.write_text(to_json(sweep))
+        part.write_text(to_json(sweep), encoding="utf-8")
     return runs
 
 

@@ -93,7 +93,7 @@ def _start(config: TrainConfig, run: Path) -> subprocess.Popen[str]:
     """Start a process for a run, in a group of its own: Ctrl-C is for the sweep to answer."""
     run.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", __name__, str(run)]
-    with (run / OUTPUT).open("a") as output:
+    with (run / OUTPUT).open("a", encoding="utf-8") as output:
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=output, stderr=output, text=True, process_group=0
         )

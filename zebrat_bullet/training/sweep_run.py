@@ -90,7 +90,7 @@ def perform(config: TrainConfig, folder: Path) -> Outcome:
 
 def record_failure(folder: Path, why: str) -> None:
     """Say in its folder why a run was given up."""
-    (folder / ERROR).write_text(why)
+    (folder / ERROR).write_text(why, encoding="utf-8")
 
 
 @contextmanager

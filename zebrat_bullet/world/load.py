@@ -8,7 +8,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import shapely
 import shapely.errors
 
 from zebrat_bullet.assets import asset_folder, find_asset

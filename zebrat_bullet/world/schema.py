@@ -169,7 +169,7 @@ def write_spec(spec: WorldSpec, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{spec.name}.yaml"
     data = spec.model_dump(mode="json", exclude_defaults=True)
-    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
+    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
     return path
 
 

@@ -99,11 +99,11 @@ def build_report(records: Path, out: Path, manifest: Manifest) -> list[Path]:
     document = make_document(tables, manifest, notes)
     if out.suffix == ".html":
         with written_whole(out) as part:
-            part.write_text(write_html(document))
+            part.write_text(write_html(document), encoding="utf-8")
         return [out]
     folder = out.with_name(f"{out.stem}_pictures")
     with written_whole(out) as part:
-        part.write_text(write_markdown(document, folder.name))
+        part.write_text(write_markdown(document, folder.name), encoding="utf-8")
     folder.mkdir(exist_ok=True)
     written = [out]
     for section in document.sections:

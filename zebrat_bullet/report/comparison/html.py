@@ -14,7 +14,7 @@ _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table").disable("i
 
 def write_html(document: Document) -> str:
     """Return the file's text."""
-    style = files(__package__).joinpath("page.css").read_text()
+    style = files(__package__).joinpath("page.css").read_text(encoding="utf-8")
     contents = "".join(_entry(section) for section in document.sections)
     body = "".join(_section(section, 2) for section in document.sections)
     return (
