@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from own_cars import OwnCar
 from safetensors.numpy import load_file
 
 from zebrat_bullet.agents import load_agent
@@ -215,6 +216,24 @@ def test_a_run_resumed_from_another_folder_goes_on_in_its_own_world(tmp_path, mo
         f"{tmp_path}/mine.yaml",
         "track_1",
     ]
+
+
+def test_a_run_whose_world_or_car_was_edited_is_not_resumed(tmp_path):
+    car, world = tmp_path / "mine.urdf", tmp_path / "mine.yaml"
+    car.write_text(OwnCar().urdf(), encoding="utf-8")
+    text = find_asset("worlds", "track_2", ".yaml").read_text(encoding="utf-8")
+    world.write_text(text, encoding="utf-8")
+    run = tmp_path / "run"
+    config = replace(TINY, worlds=(str(world),), task=replace(TINY.task, robot=str(car)), episodes=1)
+    train(config, run)
+    (run / "summary.json").unlink()  # as if it were not over
+    world.write_text(text.replace("{straight: 3.2, width: 1.35}", "{straight: 3.3, width: 1.35}"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"cannot be resumed: world {world} changed since it began; put it back"):
+        resume(run)
+    world.write_text(text + "# a remark changes nothing\n", encoding="utf-8")
+    car.write_text(OwnCar(half_base=0.17).urdf(), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"cannot be resumed: robot {car} changed"):
+        resume(run)
 
 
 def test_a_collapse_is_named_and_its_episode_kept_and_the_run_goes_on(tmp_path):

@@ -38,7 +38,7 @@ def claim_folder(
         ConfigError: the folder holds rows that were driven under something else.
     """
     more = json.loads(json.dumps(more))
-    car, places = _digest_of_car(task), {name: _digest_of(world) for name, world in (worlds or {}).items()}
+    car, places = digests(task, worlds or {}).values()
     path = folder / STUDY
     if not path.exists():
         _write(path, more | {"task": json.loads(to_json(_any_caster(task))), "car": car, "worlds": places})
@@ -78,12 +78,17 @@ def _any_caster(task: TaskConfig) -> TaskConfig:
     return replace(task, lidar=replace(task.lidar, caster="bullet"))
 
 
-def _digest_of_car(task: TaskConfig) -> str:
-    """Return what tells the car from another that its file may hold some day: all its numbers."""
+def digests(task: TaskConfig, worlds: Mapping[str, World]) -> dict[str, Any]:
+    """Return what tells a car and worlds from others that their files may hold some day.
+
+    Returns:
+        `car`: of all its numbers. `worlds`: of each, by its name.
+    """
     robot = load_robot(task.robot)
     # How near to the floor its body reaches decides which worlds it may drive in, not how it drives in them.
     values = (getattr(robot, each.name) for each in fields(robot) if each.name != "body_bottom_m")
-    return digest([rounded(value) for value in values if isinstance(value, float | np.ndarray)])
+    car = digest([rounded(value) for value in values if isinstance(value, float | np.ndarray)])
+    return {"car": car, "worlds": {name: _digest_of(world) for name, world in worlds.items()}}
 
 
 def _digest_of(world: World) -> str:

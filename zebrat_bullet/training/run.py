@@ -19,7 +19,8 @@ from zebrat_bullet.config_text import read_config, to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.files import refusing
+from zebrat_bullet.evaluation.claim import digests
+from zebrat_bullet.files import is_file, read_json, refusing
 from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import find_device
@@ -60,13 +61,12 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
             f"{folder} holds the policy of a run that ended before its first checkpoint, so it cannot be resumed; name "
             "another folder, or delete this one"
         )
-    training_worlds(config.worlds, config.task)
-    judging_worlds(config.eval_worlds, config.task)
     require_init(config)
     config = _from_any_folder(config)
+    begun_with = _car_and_worlds(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config), encoding="utf-8")
-    (folder / "versions.json").write_text(json.dumps(run_versions(), indent=2), encoding="utf-8")
+    (folder / "versions.json").write_text(json.dumps(run_versions() | begun_with, indent=2), encoding="utf-8")
     _run_where(config)(config, folder, on_progress, resume=False)
     _finish(folder)
 
@@ -82,17 +82,25 @@ def _from_any_folder(config: TrainConfig) -> TrainConfig:
     )
 
 
+def _car_and_worlds(config: TrainConfig) -> dict[str, Any]:
+    """Return what the car and the worlds that have files were when a run began; raise where one cannot be driven."""
+    learned_in, judged_in = training_worlds(config.worlds, config.task), judging_worlds(config.eval_worlds, config.task)
+    named = zip((*config.worlds, *config.eval_worlds), (*learned_in, *judged_in), strict=True)
+    return digests(config.task, dict(named))
+
+
 def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
     """Continue a killed run from its last checkpoint; its settings are read from its folder. A finished one is kept.
 
     Raises:
-        ConfigError: the folder holds no run.
+        ConfigError: the folder holds no run, or its car or a world is no longer what it was.
         ZebratError: it was killed before its first checkpoint.
     """
     require_run(folder)
     if is_finished(folder):
         return
     config = read_config(TrainConfig, folder / "config.json")
+    _require_unchanged(config, folder)
     _run_where(config)(config, folder, on_progress, resume=True)
     _finish(folder)
 
@@ -105,6 +113,19 @@ def require_run(folder: Path) -> None:
     """
     if not (folder / "config.json").is_file():
         raise ConfigError(f"{folder} holds no training run (no config.json); name the folder given to `zebrat train`")
+
+
+def _require_unchanged(config: TrainConfig, folder: Path) -> None:
+    """Raise where the car's file or a world's was edited since the run began; an earlier version's does not say."""
+    path = folder / "versions.json"
+    then, now = read_json(path, ConfigError) if is_file(path) else {}, _car_and_worlds(config)
+    worlds = [name for name, world in now["worlds"].items() if then.get("worlds", now["worlds"]).get(name) != world]
+    changed = [] if then.get("car", now["car"]) == now["car"] else [f"robot {config.task.robot}"]
+    if changed := changed + [f"world {name}" for name in worlds]:
+        raise ConfigError(
+            f"{folder} cannot be resumed: {', '.join(changed)} changed since it began; put it back as it was, or begin "
+            f"a new run with what this one has learned: --set init={folder / 'best.zip'}"
+        )
 
 
 def _finish(folder: Path) -> None:
