@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import cloudpickle
@@ -194,7 +195,13 @@ def test_rgb_array_draws_the_car():
     assert len(np.unique(first.reshape(-1, 3), axis=0)) > 50 and (first != second).any()
 
 
-@pytest.mark.parametrize("kwargs", [{"reward": "xyz"}, {"render_mode": "human"}, {"world": []}, {"caster": "x"}])
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        *({"reward": "xyz"}, {"render_mode": "human"}, {"world": []}, {"caster": "x"}),
+        *({"raw": "no"}, {"discrete": "yes"}),
+    ],
+)
 def test_bad_arguments_are_refused(kwargs):
     with pytest.raises(ConfigError):
         ZebratEnv(**kwargs)
@@ -349,10 +356,66 @@ def test_a_start_in_degrees_is_refused_and_told_in_rad(make, start):
         ({"pose": (1.0, 2.0, math.nan)}, "must be finite"),
         ({"pose": (2.0, 0.3, 0.2)}, "puts the car into a wall of 'track_2'"),
         ({"pose": (100.0, 0.0, 0.0)}, r"lies outside 'track_2', x -?\d+\.\d+ to"),
+        ({"episode": True}, "a whole number from 0 up"),
+        (5, "a mapping of episode and pose, got 5"),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(options, said):
     env = ZebratEnv("track_2", caster="embree")
     with pytest.raises(ConfigError, match=said):
         env.reset(options=options)
+    env.close()
+
+
+def test_a_reset_that_is_refused_leaves_the_episode_under_way_as_it_was():
+    env = ZebratEnv("track_2", caster="embree")
+    with pytest.raises(EpisodeError, match="no episode was begun yet"):
+        _ = env.episode
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step([1.0, 0.1])
+    with pytest.raises(ConfigError, match="lies outside"):
+        env.reset(seed=5, options={"pose": (100.0, 0.0, 0.0)})
+    assert env.episode == (1, 0)
+    again = copy.deepcopy(env)
+    assert again.drive.state.pose == env.drive.state.pose
+    env.reset()
+    assert env.episode == (1, 1)
+    env.close()
+    again.close()
+
+
+def test_a_step_after_the_end_is_warned_of():
+    env = ZebratEnv("track_2", caster="embree")
+    env.reset(seed=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        while not env.step([1.0, 0.0])[2]:
+            pass
+    with pytest.warns(UserWarning, match="the episode is over"):
+        env.step([1.0, 0.0])
+    env.reset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.step([1.0, 0.0])
+    env.close()
+
+
+def test_a_mapping_says_what_differs_from_the_task():
+    task = TaskConfig(
+        noise=NoiseConfig(dropout=0.01), reward=RewardConfig(weights={"F": 1.0}, stall=-400.0, collision=-400.0)
+    )
+    env = ZebratEnv("track_2", task=task, reward={"collision": -50}, noise={"range_sigma_m": np.float32(0.5)})
+    assert env.drive.config.reward == replace(task.reward, collision=-50.0)
+    assert env.drive.config.noise == NoiseConfig(dropout=0.01, range_sigma_m=0.5)
+    env.close()
+    env = ZebratEnv("track_2", task={"reward": task.reward})
+    assert env.drive.config.reward == task.reward
+    env.close()
+
+
+def test_a_preset_is_not_shared_among_environments():
+    env = ZebratEnv("track_2", reward="ft", caster="embree")
+    env.drive.config.reward.weights["F"] = 100.0
+    assert REWARD_PRESETS["ft"].weights["F"] == 1.0
     env.close()

@@ -1,6 +1,7 @@
 """The reward terms against numbers worked out by hand from the paper's equations."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.sensing.safety_region import SafetyRegion, make_region
 from zebrat_bullet.task.drive import Drive
-from zebrat_bullet.task.rewards import RewardInput, weighted_terms
+from zebrat_bullet.task.rewards import TERMS, RewardInput, weighted_terms
 from zebrat_bullet.types import Commands
 from zebrat_bullet.world import load_world
 
@@ -89,3 +90,48 @@ def test_presets_are_ablations(region):
 def test_an_unknown_term_is_refused_with_the_valid_ones():
     with pytest.raises(ConfigError, match=r"unknown reward term 'X'; valid terms are: F, O, M, T, W"):
         Drive(TaskConfig(reward=RewardConfig(weights={"X": 1.0})), load_world("track_1"))
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (lambda step: -1.0, "reward term 'S' returned a float; a term returns one number a car"),
+        (lambda step: step.speed_mps.mean(), r"returned an array of shape \(\)"),
+        (lambda step: step.speed_mps[:, None], r"an array of shape \(1, 1\); .* here an array of shape \(1,\)"),
+        (lambda step: np.zeros(5), r"returned an array of shape \(5,\)"),
+        (lambda step: None, "returned a NoneType"),
+        (lambda step: [0.0], "returned a list"),
+        (lambda step: step.speed_mps * math.nan, "reward term 'S' is nan for car 0; a term returns one finite number"),
+        (lambda step: step.speed_mps + math.inf, "reward term 'S' is inf for car 0"),
+    ],
+)
+def test_a_term_that_is_not_one_finite_number_a_car_is_refused_by_its_name(region, monkeypatch, term, said):
+    monkeypatch.setitem(TERMS, "S", term)
+    with pytest.raises(ConfigError, match=said):
+        weighted_terms(step(region, np.full(32, 2.0), weights={"F": 1.0, "S": 0.5}))
+
+
+def test_a_term_cannot_change_what_it_sees(region, monkeypatch):
+    seen = step(region, np.full(32, 2.0), speed=0.5, weights={"S": 1.0})
+    for write in (
+        lambda step: step.clearance.obs_m,
+        lambda step: step.clearance.range_m,
+        lambda step: step.speed_mps,
+        lambda step: step.command.steering_rad,
+        lambda step: step.nearer_m,
+    ):
+
+        def term(step, write=write):
+            write(step)[...] = 9.0
+            return step.speed_mps
+
+        monkeypatch.setitem(TERMS, "S", term)
+        with pytest.raises(ValueError, match="read-only"):
+            weighted_terms(seen)
+    assert seen.speed_mps == 0.5 and (seen.clearance.obs_m == 2.0).all()
+
+
+def test_a_term_is_paid_in_the_precision_of_the_cars(region, monkeypatch):
+    monkeypatch.setitem(TERMS, "S", lambda step: np.array([1]))
+    seen = step(region, np.full(32, 2.0), weights={"S": 1})
+    assert weighted_terms(replace(seen, speed_mps=np.zeros(1, np.float32)))["S"].dtype == np.float32

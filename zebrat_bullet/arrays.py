@@ -42,6 +42,15 @@ def clamp(array: Array, least: float | None = None, most: float | None = None) -
     return namespace(array).clip(array, least, most)
 
 
+def read_only(array: Array) -> Array:
+    """Return an array that shows the same numbers and cannot be written to; of torch, which has none, a copy."""
+    if not isinstance(array, np.ndarray):
+        return array.clone()
+    seen = array.view()
+    seen.flags.writeable = False
+    return seen
+
+
 def on_host(array: Array) -> NDArray:
     """Return an array as NumPy sees it: itself, or a copy of what is on another device."""
     host: NDArray = array if isinstance(array, np.ndarray) else array.cpu().numpy()

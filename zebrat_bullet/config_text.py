@@ -2,10 +2,12 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from zebrat_bullet.errors import ConfigError
@@ -51,8 +53,13 @@ def _explained(error: ValidationError) -> str:
     return shown("; ".join(said), 1000)
 
 
-def from_plain(kind: type[Config], data: Config | Mapping[str, Any]) -> Config:
-    """Return settings of the given kind from plain data, as JSON and YAML hold them; what is left out is as by default.
+def from_plain(kind: type[Config], data: Config | Mapping[str, Any], base: Config | None = None) -> Config:
+    """Return settings of the given kind from plain data, as JSON and YAML hold them, or of settings in a mapping.
+
+    Args:
+        kind: their class.
+        data: what they are; settings of that class are returned as they are.
+        base: what is left out is as there; None: as by default.
 
     Raises:
         ConfigError: a name is unknown (the message lists those there are), or as `from_json`.
@@ -61,10 +68,19 @@ def from_plain(kind: type[Config], data: Config | Mapping[str, Any]) -> Config:
         return data
     if not isinstance(data, Mapping):
         raise ConfigError(f"settings are a {kind.__name__} or a mapping of its fields, got {shown(data)!r}")
-    values = json.loads(to_json(kind()))
+    values = json.loads(to_json(kind() if base is None else base))
     _update(values, data, kind.__name__)
     with refusing(kind.__name__, ConfigError, "no plain data", "use numbers, texts, lists and mappings"):
-        return from_json(kind, json.dumps(values))
+        return from_json(kind, json.dumps(values, default=_plain))
+
+
+def _plain(value: object) -> Any:
+    """Return settings, or a number of NumPy's, as JSON has it."""
+    if is_dataclass(value):
+        return json.loads(to_json(value))
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a {type(value).__name__} is neither a setting nor plain")
 
 
 def _update(values: dict[str, Any], data: Mapping[str, Any], where: str) -> None:

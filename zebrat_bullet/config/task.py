@@ -194,4 +194,4 @@ def with_reward(task: TaskConfig, name: str) -> TaskConfig:
     """
     require(name in REWARD_PRESETS, f"unknown reward preset {name!r}; valid are: {', '.join(REWARD_PRESETS)}")
     observation = _GUIDED_OBSERVATIONS.get(name, task.observation)
-    return replace(task, reward=REWARD_PRESETS[name], observation=observation)
+    return replace(task, reward=replace(REWARD_PRESETS[name]), observation=observation)  # weights of its own

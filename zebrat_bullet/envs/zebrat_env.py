@@ -44,9 +44,9 @@ class ZebratEnv(gymnasium.Env):
         exit: both ends of the open-space line of a named mesh or map.
         robot: the car, a name or a URDF file; None keeps the task's.
         reward: a preset name ("fomt", "fot", "fmt", "ft", "wg", "wg_paper", with the observation that it needs) or a
-            RewardConfig; None keeps the task's.
+            RewardConfig, or a mapping of what differs from the task's; None keeps the task's.
         caster: "bullet", "embree", or "mujoco" with that engine; None keeps the task's.
-        noise: lidar noise; None keeps the task's.
+        noise: lidar noise, or a mapping of what differs from the task's; None keeps the task's.
         discrete: six actions instead of a Box.
         raw: observations and actions in SI units instead of [-1, 1].
         task: every other setting; the arguments above override it.
@@ -74,6 +74,9 @@ class ZebratEnv(gymnasium.Env):
         task: TaskConfig | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
+        for name, flag in (("discrete", discrete), ("raw", raw)):
+            if not isinstance(flag, bool | np.bool_):
+                raise ConfigError(f"{name} must be True or False, got {shown(repr(flag))}")
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         config = varied(task, robot, reward, caster, noise)
@@ -93,6 +96,7 @@ class ZebratEnv(gymnasium.Env):
         self._n_episodes = 0
         # The episode under way: what it was begun with, and the actions since; None before the first.
         self._begun: dict[str, Any] | None = None
+        self._over = False
         self._actions: list[Any] = []
         self.observation_space, self.action_space = spaces_of(self.spec_observation, discrete)
 
@@ -116,23 +120,24 @@ class ZebratEnv(gymnasium.Env):
         self._refuse_closed("reset")
         number, pose = _options(options)
         super().reset(seed=seed)
-        if seed is not None or self._seed is None:
-            self._seed = seed if seed is not None else int(self.np_random.integers(2**31))
-            self._n_episodes = 0
-        self._n_episodes = self._n_episodes if number is None else number
-        rng = np.random.default_rng([self._seed, self._n_episodes])
-        self._n_episodes += 1
+        again = seed is not None or self._seed is None
+        seed = self._seed if seed is None else seed
+        seed = int(self.np_random.integers(2**31)) if seed is None else seed
+        number = (0 if again else self._n_episodes) if number is None else number
+        rng = np.random.default_rng([seed, number])
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
         if pose is not None:
             _check_pose(pose, world, self.drive.robot.footprint_base)
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
-        self._begun, self._actions = {"episode": self._n_episodes - 1, "pose": pose}, []
+        # Only now: one that was refused leaves the episode under way as it was.
+        self._seed, self._n_episodes, self._over = seed, number + 1, False
+        self._begun, self._actions = {"episode": number, "pose": pose}, []
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)
         self._observer.begin()
         return self._observer.observe(reading), self._info(None)
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive one control step of 0.2 s.
+        """Drive one control step of 0.2 s; after the end of an episode with a warning.
 
         Returns:
             Observation, reward, terminated, truncated, and an info: `terms`, every weighted reward term by name (0 at
@@ -140,19 +145,21 @@ class ZebratEnv(gymnasium.Env):
             until the end; `is_success`.
 
         Raises:
-            EpisodeError: no episode is under way.
+            EpisodeError: no episode was begun yet, or the environment is closed.
             ActionError: the action is not finite, or none of the six; nothing was simulated.
         """
         self._refuse_closed("step")
         if self._begun is None:
             raise EpisodeError("step: no episode was begun yet; call reset first")
+        if self._over:
+            gymnasium.logger.warn("step: the episode is over, what comes after its end means nothing; call reset")
         spec = self.spec_observation
         command = spec.decode_discrete(action) if self._discrete else spec.decode(action)
         self._actions.append(np.array(action))
         step = self.drive.step(command)
         self._reading, self._terms = step.reading, step.terms
         self._path.append(self.drive.state.pose)
-        ended = step.outcome is not None
+        self._over = ended = step.outcome is not None
         terminated = step.outcome is not None and bool(self._terminal[step.outcome.code])
         info = self._info(step.outcome)
         return self._observer.observe(step.reading), step.reward, terminated, ended and not terminated, info
@@ -217,8 +224,13 @@ class ZebratEnv(gymnasium.Env):
 
     @property
     def episode(self) -> tuple[int, int]:
-        """The seed and the number of the episode under way: `reset(seed=..., options={"episode": ...})` begins it."""
-        assert self._seed is not None, "no episode was begun yet; call reset"
+        """The seed and the number of the episode under way: `reset(seed=..., options={"episode": ...})` begins it.
+
+        Raises:
+            EpisodeError: there is none yet.
+        """
+        if self._seed is None:
+            raise EpisodeError("episode: no episode was begun yet; call reset first")
         return self._seed, self._n_episodes - 1
 
     def close(self) -> None:
@@ -245,22 +257,24 @@ def varied(
     if isinstance(reward, str):
         task = with_reward(task, reward)
     elif reward is not None:
-        task = replace(task, reward=from_plain(RewardConfig, reward))
+        task = replace(task, reward=from_plain(RewardConfig, reward, task.reward))
     return replace(
         task,
         robot=task.robot if robot is None else str(robot),
-        noise=task.noise if noise is None else from_plain(NoiseConfig, noise),
+        noise=task.noise if noise is None else from_plain(NoiseConfig, noise, task.noise),
         lidar=task.lidar if caster is None else replace(task.lidar, caster=caster),
     )
 
 
 def _options(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | None]:
     """Return the episode's number and the start pose that reset's options name."""
-    options = options or {}
+    options = {} if options is None else options
+    if not isinstance(options, Mapping):
+        raise ConfigError(f"reset's options are a mapping of episode and pose, got {shown(repr(options))}")
     if unknown := sorted(str(name) for name in options if name not in ("episode", "pose")):
         raise ConfigError(f"reset has no option {shown(unknown)}; there are episode and pose")
     number, pose = options.get("episode"), options.get("pose")
-    if number is not None and (not isinstance(number, int | np.integer) or number < 0):
+    if number is not None and (isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0):
         raise ConfigError(f"options['episode'] is a whole number from 0 up, got {shown(repr(number))}")
     return None if number is None else int(number), None if pose is None else pose_from(pose, "options['pose']")
 

@@ -5,13 +5,13 @@ count, and how much, is `RewardConfig.weights`; every term, weighted, appears in
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, clamp, like, namespace
+from zebrat_bullet.arrays import Array, clamp, like, namespace, on_host, read_only
 from zebrat_bullet.config import RewardConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.sensing.safety_region import SafetyRegion
@@ -27,6 +27,8 @@ MIN_GAP_M = 1e-3
 @dataclass(frozen=True, slots=True)
 class RewardInput:
     """What a term may look at: the clearances of N cars, the region's named bearings, measured speeds and commands.
+
+    A term gets what cannot be written to (of torch's arrays a copy): what it sees is the car's own state.
 
     Attributes:
         clearance: V_obs (N, R) and V_range (R,).
@@ -131,9 +133,52 @@ def check_weights(config: RewardConfig) -> None:
 
 
 def weighted_terms(step: RewardInput) -> dict[str, Array]:
-    """Return each weighted term of this step, (N,), by name; a term that is switched off is 0."""
-    weights, none = step.config.weights, namespace(step.speed_mps).zeros_like(step.speed_mps)
-    return {name: weights[name] * term(step) if weights.get(name) else none for name, term in TERMS.items()}
+    """Return each weighted term of this step, (N,), by name; a term that is switched off is 0.
+
+    Raises:
+        ConfigError: a term returned something else than one finite number a car; the message names it.
+    """
+    weights, xp = step.config.weights, namespace(step.speed_mps)
+    none, seen = xp.zeros_like(step.speed_mps), _to_read(step)
+    terms = {name: _one_a_car(name, term(seen), step) if weights.get(name) else none for name, term in TERMS.items()}
+    if not bool(xp.isfinite(sum(terms.values())).all()):
+        _refuse_non_finite(terms)
+    return terms
+
+
+def _to_read(step: RewardInput) -> RewardInput:
+    """Return the same numbers in arrays that cannot be written to, or in copies."""
+    clearance, command = step.clearance, step.command
+    return replace(
+        step,
+        clearance=Clearances(*map(read_only, (clearance.obs_m, clearance.range_m, clearance.collision))),
+        command=Commands(read_only(command.speed_mps), read_only(command.steering_rad)),
+        speed_mps=read_only(step.speed_mps),
+        nearer_m=read_only(step.nearer_m),
+    )
+
+
+def _one_a_car(name: str, term: Array, step: RewardInput) -> Array:
+    """Return a term, weighted, in the precision of the speeds."""
+    wanted = step.speed_mps.shape
+    if getattr(term, "shape", None) != wanted:
+        got = f"an array of shape {tuple(term.shape)}" if hasattr(term, "shape") else f"a {type(term).__name__}"
+        raise ConfigError(
+            f"reward term {name!r} returned {got}; a term returns one number a car, here an array of shape "
+            f"{tuple(wanted)}, computed from those of its RewardInput"
+        )
+    return namespace(term).astype(step.config.weights[name] * term, step.speed_mps.dtype, copy=False)
+
+
+def _refuse_non_finite(terms: Mapping[str, Array]) -> None:
+    for name, term in terms.items():
+        wrong = np.flatnonzero(~np.isfinite(on_host(term)))
+        if len(wrong):
+            raise ConfigError(
+                f"reward term {name!r} is {on_host(term)[wrong[0]]} for car {wrong[0]}; a term returns one finite "
+                "number a car, whatever it sees: bound what it takes a root or a logarithm of, or divides by"
+            )
+    raise ConfigError(f"the reward terms {', '.join(terms)} are finite, but not their sum; give them smaller weights")
 
 
 def terminal_codes(config: RewardConfig) -> NDArray[np.bool_]:
