@@ -23,7 +23,7 @@ from zebrat_bullet.planning.certificate import (
 )
 from zebrat_bullet.planning.certify import certify, certify_all
 from zebrat_bullet.planning.no_way import proves_no_way
-from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.robot import RobotModel, load_robot, most_steering_rad
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, generate_tracks, load_world
 from zebrat_bullet.world.build import build_world
@@ -315,6 +315,25 @@ def test_another_car_is_certified_with_its_own_numbers(tmp_path: Path) -> None:
     made = certify(world, small)
     check_certificate(world, small, made)
     assert made.sha256 != load_certificate("track_1").sha256
+
+
+def test_a_car_that_steers_less_and_drives_slower_than_the_task_is_certified_within_its_own_limits(
+    tmp_path: Path, world: World, robot: RobotModel
+) -> None:
+    text = (Path(__file__).parent.parent / "urdf/zebrat.urdf").read_text(encoding="utf-8")
+    text = text.replace('lower="-0.85" upper="0.85"', 'lower="-0.4" upper="0.4"').replace(
+        'velocity="20"', 'velocity="2"'
+    )
+    (tmp_path / "stiff.urdf").write_text(text, encoding="utf-8")
+    stiff = load_robot(tmp_path / "stiff.urdf")
+    found = certify(world, stiff)
+    check_certificate(world, stiff, found)
+    path = ArcPath(np.array(found.path), np.array(found.directions))
+    tightest = np.abs(path.turns_rad / path.lengths_m).max() * stiff.wheelbase_m
+    assert np.tan(0.3) < tightest <= np.tan(most_steering_rad(stiff)) + 1e-6
+    assert found.least_time_s == pytest.approx(found.shortest_m / (2.0 * stiff.wheel_radius_m), abs=0.01)
+    with pytest.raises(PlanError, match="the robot or its limits"):
+        check_certificate(world, stiff, certify(world, robot))
 
 
 def test_a_certificate_survives_being_written(tmp_path: Path, certificate: Certificate) -> None:

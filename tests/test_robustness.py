@@ -157,6 +157,11 @@ def test_a_run_folder_is_judged_and_a_supervised_driver_beside_the_bare_one(tmp_
     assert list(summarise(rows)["everything"]) == ["bare", "bare, supervised"]
 
 
+def test_runs_that_are_called_alike_are_told_apart() -> None:
+    rows = [replace(row("everything", 0.2, 9), agent=f"runs/{at}/best.safetensors") for at in "ab"]
+    assert list(summarise(rows)["everything"]) == ["runs/a/best.safetensors", "runs/b/best.safetensors"]
+
+
 def test_a_planner_that_finds_no_plan_from_where_it_believes_to_be_stands(tmp_path: Path) -> None:
     lost = replace(TASK, disturbance=DisturbanceConfig(pose_sigma_m=1.0))
     # Twice it believes to stand in a wall.

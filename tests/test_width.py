@@ -15,7 +15,7 @@ from zebrat_bullet.evaluation.swept_width import one_sweep_width_m, rigid_width_
 from zebrat_bullet.evaluation.width import WidthRow, WidthStudy, mastered_m, run_study, width_range
 from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.report.width import draw_width, summarise, width_table
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import load_robot, most_steering_rad
 from zebrat_bullet.task.episode import start_pose
 from zebrat_bullet.world.passage import SHAPES, passage, senses
 
@@ -67,6 +67,13 @@ def test_least_widths_of_zebrat_are_those_worked_out_by_hand() -> None:
     assert rigid_width_m("90", ROBOT) == pytest.approx(1.1 / np.sqrt(2))
     assert [one_sweep_width_m(shape, ROBOT, PhysicsConfig()) for shape in ("straight", "90")] == [0.6, 0.9]
     assert 2 * one_sweep_width_m("180", ROBOT, PhysicsConfig()) + 0.1 == pytest.approx(2.5, abs=0.003)
+
+
+def test_a_car_that_steers_less_than_the_task_sweeps_by_its_own_limit() -> None:
+    stiff = replace(ROBOT, knuckle_limit_rad=0.3)
+    itself = one_sweep_width_m("180", stiff, PhysicsConfig(max_steering_rad=most_steering_rad(stiff)))
+    assert one_sweep_width_m("180", stiff, PhysicsConfig()) == itself > one_sweep_width_m("180", ROBOT, PhysicsConfig())
+    assert one_sweep_width_m("180", replace(ROBOT, knuckle_limit_rad=0.02), PhysicsConfig()) is None
 
 
 def test_no_rectangle_is_seen_in_a_hexagon() -> None:
@@ -151,6 +158,16 @@ def test_table_and_figure_show_agents_beside_the_bounds(tmp_path: Path) -> None:
     assert "| b planar, 95% success | - | - | at most 0.900 (driven to 1.000) | - |" in both
     draw_width(summary, tmp_path / "width.png")
     assert (tmp_path / "width.png").stat().st_size > 10_000
+
+
+def test_runs_that_are_called_alike_and_other_simulators_are_rows_of_their_own() -> None:
+    rows = [replace(row(1.0, n), agent=f"runs/{at}/best.safetensors") for at, n in (("a", 100), ("b", 0))]
+    rows += [replace(row(1.0, n), agent="shipped", sim=sim) for sim, n in (("planar", 100), ("mujoco", 0))]
+    agents = summarise(rows, [], TASK)["agents"]
+    assert {label: at["90"]["mastered_m"] for label, at in agents.items()} == {
+        "runs/a/best.safetensors planar": 1.0, "runs/b/best.safetensors planar": None,
+        "shipped planar": 1.0, "shipped MuJoCo": None,
+    }  # fmt: skip
 
 
 def test_the_interval_over_tracks_is_wider_where_episodes_of_a_track_end_alike() -> None:

@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import RobotModel, within_limits
 from zebrat_bullet.world.passage import U_WALL_M, turn_rad
 
 _STEP_M = 0.001
@@ -31,16 +31,17 @@ def rigid_width_m(shape: str, robot: RobotModel) -> float | None:
     return float(min(across, within))
 
 
-def one_sweep_width_m(shape: str, robot: RobotModel, physics: PhysicsConfig) -> float:
+def one_sweep_width_m(shape: str, robot: RobotModel, physics: PhysicsConfig) -> float | None:
     """Return the least width for the turn in one go: one arc forward at full lock, entered and left along the walls.
 
     The car comes along the outer wall, as near as its rear corner lets it, and its front corner just clears the outer
-    wall that it turns to; the inner corner must lie within the circle that its inner side leaves free. To a millimetre.
+    wall that it turns to; the inner corner must lie within the circle that its inner side leaves free. To a millimetre;
+    None from 10 m on.
     """
     if shape == "straight":
         return float(np.ptp(robot.footprint_base[:, 1]))
     # Frame: the turning centre of a left turn is the origin, the car comes along +x below it.
-    radius = robot.wheelbase_m / math.tan(physics.max_steering_rad)
+    radius = robot.wheelbase_m / math.tan(within_limits(physics, robot).max_steering_rad)
     outline = robot.footprint_base - (robot.rear_axle_x_m, radius)
     free = float(shapely.Polygon(outline).distance(shapely.Point(0.0, 0.0)))
     turn = math.radians(float(shape))
@@ -56,7 +57,7 @@ def one_sweep_width_m(shape: str, robot: RobotModel, physics: PhysicsConfig) -> 
             fits = True
         if fits and max(math.hypot(*tip) for tip in tips) <= free:
             return round(float(width), 3)
-    raise AssertionError(f"no width below {_WIDEST_M} m")
+    return None
 
 
 def _reach(outline: NDArray[np.float64], direction_rad: float, turn_rad: float) -> float:

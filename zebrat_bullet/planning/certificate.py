@@ -18,7 +18,7 @@ from zebrat_bullet.geometry import rotation_2d
 from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, sweep_factor
 from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.shortest_path import shortest_length_m
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import RobotModel, within_limits
 from zebrat_bullet.world import World
 from zebrat_bullet.world.fingerprint import digest, rounded, rounded_rings, rounded_start
 
@@ -103,7 +103,7 @@ def check_certificate(
         PlanError: it does not; the message says what is wrong.
         WorldError: the world declares no exit.
     """
-    physics = physics or PhysicsConfig()
+    physics = within_limits(physics or PhysicsConfig(), robot)
     shortest = _shortest_m(world, robot, open_line_of(world), physics)
     _check(world, robot, certificate, physics, shortest)
 

@@ -11,7 +11,7 @@ from zebrat_bullet.planning.certificate import CLOSELY_M, Certificate, certifica
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
 from zebrat_bullet.planning.no_way import proves_no_way
 from zebrat_bullet.processes import in_order
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import RobotModel, within_limits
 from zebrat_bullet.world import World
 
 LEAST_MARGIN_M = 0.003
@@ -32,14 +32,14 @@ def certify(
 
     Args:
         world, robot: what to leave, and in what.
-        physics: limits of the commands; the defaults if None.
+        physics: limits of the commands, the defaults if None; the car's own where those are lower.
         margin_m: what the drive keeps from every wall at least.
 
     Raises:
         PlanError: `proven`, where no drive at all leads out; else the search found none, and there may be one.
         WorldError: the world declares no exit.
     """
-    physics = physics or PhysicsConfig()
+    physics = within_limits(physics or PhysicsConfig(), robot)
     open_line_of(world)
     return certificate_of(_find(world, robot, physics, margin_m), world, robot, physics)
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from zebrat_bullet.evaluation.axes import AXIS_NAMES, EVERYTHING, NOMINAL, is_everything, label_of, nominal_of
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.robustness import RobustnessRow
+from zebrat_bullet.report.labels import agent_labels
 from zebrat_bullet.task.episode import OUTCOMES
 
 _COLUMNS = 5
@@ -61,9 +62,9 @@ def _labels(rows: Sequence[RobustnessRow]) -> dict[RobustnessRow, str]:
     margins = {row.supervised for row in rows if row.supervised}
     for row in rows:
         weights.setdefault(row.agent, set()).add(row.weights)
-    labels = {}
+    called, labels = agent_labels(weights), {}
     for row in rows:
-        label = Path(row.agent).stem if "/" in row.agent and ":" not in row.agent else row.agent
+        label = called[row.agent]
         if len(weights[row.agent]) > 1:
             label += f" {row.weights}"
         if row.supervised:

@@ -13,6 +13,7 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.evaluation.certified_width import CertifiedRow, bracket
 from zebrat_bullet.evaluation.swept_width import one_sweep_width_m, rigid_width_m
 from zebrat_bullet.evaluation.width import MASTERED, WidthRow, mastered_m, pooled
+from zebrat_bullet.report.labels import SIMS, agent_labels
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.world.passage import SHAPES
 
@@ -134,14 +135,14 @@ def _draw_least(axes: Axes, summary: Mapping[str, Any], colours: Mapping[str, An
 
 def _by_agent(rows: Sequence[WidthRow]) -> dict[str, list[WidthRow]]:
     """Return the rows by agent; simulator and weights are named where a name alone would say two things."""
-    named: dict[str, set[tuple[str, str]]] = {}
+    weights: dict[str, set[str]] = {}
     for row in rows:
-        named.setdefault(row.agent, set()).add((row.sim, row.weights))
+        weights.setdefault(row.agent, set()).add(row.weights)
+    labels = agent_labels(weights)
     found: dict[str, list[WidthRow]] = {}
     for row in rows:
-        name = Path(row.agent).stem if "/" in row.agent and ":" not in row.agent else row.agent
-        parts = [name, "PyBullet" if row.sim == "bullet" else "planar"]
-        if len({weights for _, weights in named[row.agent]}) > 1:
+        parts = [labels[row.agent], SIMS[row.sim]]
+        if len(weights[row.agent]) > 1:
             parts.append(row.weights)
         found.setdefault(" ".join(parts), []).append(row)
     return found
