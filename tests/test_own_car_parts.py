@@ -9,7 +9,7 @@ import trimesh
 from own_cars import ROS_JOINTS, OwnCar
 
 from zebrat_bullet.errors import RobotError
-from zebrat_bullet.robot import GRAVITY_MPS2, load_robot, named_robot
+from zebrat_bullet.robot import GRAVITY_MPS2, inspect_robot, load_robot, named_robot
 
 WHEELS = ("left_rear", "right_rear", "left_front", "right_front")
 INERTIA = '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/>'
@@ -190,3 +190,20 @@ def test_a_capsule_is_refused_by_its_link_and_left_out_where_it_is_only_painted(
         load_robot(solid.write(tmp_path))
     painted = OwnCar(more=fixed("bumper", "base_link", f"<visual>{geometry}</visual>"))
     assert any("bumper: a painted <capsule>" in note for note in load_robot(painted.write(tmp_path)).notes)
+
+
+def test_a_grip_of_its_own_is_left_out_alike_in_every_simulator_and_that_is_said(tmp_path):
+    text = (Path(__file__).parent / "data" / "small_car.urdf").read_text(encoding="utf-8")
+    slippery = tmp_path / "slippery.urdf"
+    slippery.write_text(text.replace('<lateral_friction value="1.0"/>', '<lateral_friction value="0.1"/>'), "utf-8")
+    seen = inspect_robot(slippery)
+    assert len(seen.notes) == 1 and "(0.1) is left out: tyres grip the floor by 1 in every simulator" in seen.notes[0]
+    assert seen.robot.plain_urdf and 'lateral_friction value="1.0"' in seen.robot.plain_urdf
+    assert not load_robot(Path(__file__).parent / "data" / "small_car.urdf").plain_urdf
+
+
+def test_a_car_on_wide_wheels_is_driven_on_thin_ones_for_wide_ones_rub(tmp_path):
+    text = (Path(__file__).parent / "data" / "small_car.urdf").read_text(encoding="utf-8")
+    wide = tmp_path / "wide.urdf"
+    wide.write_text(text.replace('radius="0.06" length="0.006"', 'radius="0.06" length="0.03"'), "utf-8")
+    assert 'length="0.004"' in load_robot(wide).plain_urdf

@@ -12,6 +12,7 @@ from lxml import etree
 from zebrat_bullet.errors import RobotError
 from zebrat_bullet.files import MB, read_bytes, refusing, shown
 from zebrat_bullet.robot.mesh_files import collada_unit_m, mesh_file
+from zebrat_bullet.robot.model import TYRE_GRIP
 from zebrat_bullet.robot.setup import RobotSetup
 
 _NUMBERS = {
@@ -58,6 +59,7 @@ class Document:
         self._unpainted: list[str] = []
         for link in self.links.values():
             self._find_meshes(link)
+        self._leave_friction_out()
         if self._unpainted:
             self.notes.append(f"meshes that are only painted were not found and left out: {', '.join(self._unpainted)}")
 
@@ -161,6 +163,17 @@ class Document:
                 f"link {link.get('name')}: <{tags[0]}> is not read; write {', '.join(_SHAPES[:-1])} or {_SHAPES[-1]}"
             )
         link.remove(shape)
+
+    def _leave_friction_out(self) -> None:
+        """Note a grip that is not the simulators' own: PyBullet alone would obey it, so none does."""
+        grips = {name: link.find("contact/lateral_friction") for name, link in self.links.items()}
+        written = {name: shown(grip.get("value")) for name, grip in grips.items() if grip is not None}
+        others = {name: text for name, text in written.items() if _numbers(text) != [TYRE_GRIP]}
+        if others:
+            self.notes.append(
+                f"the lateral_friction of {', '.join(others)} ({', '.join(dict.fromkeys(others.values()))}) is left "
+                f"out: tyres grip the floor by {TYRE_GRIP:g} in every simulator (task.disturbance.friction varies it)"
+            )
 
     def _scale_to_metres(self, mesh: etree._Element, file: Path) -> None:
         """Take the unit of a COLLADA file into its scale, as RViz and Gazebo do: no reader of meshes here does."""

@@ -17,6 +17,8 @@ WHEEL_JOINTS = (
 LIDAR_JOINT = "lidar_mount"
 ROLES = (*STEERING_JOINTS, *WHEEL_JOINTS, LIDAR_JOINT)
 GRAVITY_MPS2 = 9.81
+TYRE_GRIP = 1.0
+"""Coefficient of friction between tyres and floor, in every simulator; see `DisturbanceConfig.friction`."""
 
 
 @dataclass(frozen=True)

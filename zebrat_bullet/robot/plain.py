@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.robot.body import Body
 from zebrat_bullet.robot.chassis import Chassis
-from zebrat_bullet.robot.model import GRAVITY_MPS2, STEERING_JOINTS, WHEEL_JOINTS
+from zebrat_bullet.robot.model import GRAVITY_MPS2, STEERING_JOINTS, TYRE_GRIP, WHEEL_JOINTS
 from zebrat_bullet.robot.motors import Motors
 
 BODY_FILE = "body.obj"
@@ -127,7 +127,7 @@ def _wheel_inertia(kg: float, radius: float) -> tuple[float, float]:
 def _wheel_link(role: str, kg: float, radius: float, stiffness: float) -> str:
     about, across = _wheel_inertia(kg, radius)
     return (
-        f'<link name="{role}_wheel"><contact><lateral_friction value="1.0"/><stiffness value="{stiffness!r}"/>'
+        f'<link name="{role}_wheel"><contact><lateral_friction value="{TYRE_GRIP}"/><stiffness value="{stiffness!r}"/>'
         f'<damping value="{_DAMPING * stiffness!r}"/></contact>{_inertial(kg, "0 0 0", (across, about, across))}'
         f'<collision><origin rpy="{math.pi / 2!r} 0 0"/><geometry>'
         f'<cylinder radius="{float(radius)!r}" length="{_WHEEL_WIDTH * float(radius)!r}"/></geometry></collision>'

@@ -13,14 +13,16 @@ from zebrat_bullet.robot.setup import RobotSetup
 
 _CLOSE_M = 1e-3
 _EXACT_M = 1e-6
+_THIN = 0.1
+"""The width of a wheel over its radius, at most."""
 
 
 def as_physics_needs(parts: Parts, setup: RobotSetup, chassis: Chassis, body: Body, motors: Motors) -> bool:
     """Return whether PyBullet can load the file as it is, and then drives the car that was understood.
 
     Every link has inertia and the root link mass; it stands on the floor and looks ahead; every joint has its type and
-    axis; the wheels are cylinders centred on their axles and hinges, all of one radius and track; the footprint is that
-    of the collision shapes.
+    axis; the wheels are thin cylinders centred on their axles and hinges, all of one radius and track, with the grip
+    that every simulator gives them; the footprint is that of the collision shapes.
     """
     return (
         setup.path.suffix == ".urdf"
@@ -81,6 +83,8 @@ def _wheel_right(parts: Parts, role: str) -> bool:
         parts.urdf.link_map[parts.child(role)].collisions != shapes
         or len(shapes) != 1
         or shapes[0].geometry.cylinder is None
+        # A wide one rubs over its edges, and the car turns wider than its steering says.
+        or shapes[0].geometry.cylinder.length > _THIN * shapes[0].geometry.cylinder.radius
     ):
         return False
     pose = np.eye(4) if shapes[0].origin is None else shapes[0].origin
