@@ -17,6 +17,7 @@ from zebrat_bullet.notes import Note
 from zebrat_bullet.robot import RobotModel, load_robot
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
+from zebrat_bullet.world.in_memory import check_in_memory
 from zebrat_bullet.world.meshes import MESH_SUFFIXES, refuse_other
 from zebrat_bullet.world.reference import WorldReference, parse_reference
 from zebrat_bullet.world.ros_map import IMAGE_SUFFIXES, refuse_image
@@ -63,8 +64,9 @@ def load_world(
     for said in world.notes:  # also where it is refused next: it may be why
         warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
     check_closed(world, str(path))
+    world = replace(world, source=str(replace(reference, name=_source(path))))
     validate_world(world, robot, str(path))
-    return replace(world, source=str(replace(reference, name=_source(path))))
+    return world
 
 
 def load_worlds(
@@ -75,7 +77,7 @@ def load_worlds(
     exit: Sequence[Sequence[float]] | None = None,
     robot: RobotModel | None = None,
 ) -> list[World]:
-    """Return one world or several, those that are named loaded with the car that must fit.
+    """Return one world or several, those that are named loaded, all checked with the car that must fit.
 
     Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
 
@@ -96,6 +98,9 @@ def load_worlds(
         for each in named
     ]
     for world in loaded:
+        if world.valid_for is None:
+            check_in_memory(world, world.name)
+        validate_world(world, robot or default_robot(), world.name)
         if not world.can_be_won:
             warnings.warn(
                 f"world {world.name!r} has neither exit nor goal, so no episode in it can succeed; name a goal",
