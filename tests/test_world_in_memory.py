@@ -47,7 +47,7 @@ def test_a_world_that_cannot_be_driven_is_refused_before_anyone_drives(
 def test_a_track_drawn_for_one_car_is_checked_for_another() -> None:
     tracks = list(generate_tracks(range(3)))
     assert load_worlds(tracks, robot=load_robot("zebrat")) == tracks
-    with pytest.raises(WorldError, match="generated-2: open_line: open space .* is already seen"):
+    with pytest.raises(WorldError, match=r"generated-2: open_line: open space .* is already seen"):
         PlanarVectorEnv(3, tracks, robot="long")
 
 
