@@ -35,7 +35,7 @@ def places_of(
     which = np.asarray(worlds)
     if which.shape != (n_cars,) or which.dtype.kind not in "iu":
         raise ConfigError(f"worlds must be {n_cars} whole numbers, one for each car, got {shown(repr(worlds))}")
-    if n_cars and not (0 <= which.min() and which.max() < len(there)):
+    if n_cars and not (which.min() >= 0 and which.max() < len(there)):
         raise ConfigError(f"worlds must be 0 to {len(there) - 1}, got {which.min()} to {which.max()}")
     try:
         rows = np.asarray(poses if isinstance(poses, np.ndarray) else list(poses), dtype=np.float64)
