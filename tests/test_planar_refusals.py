@@ -79,13 +79,33 @@ def test_fewer_than_one_car_is_refused(n_cars: int) -> None:
         PlanarDrive(TaskConfig(), [FIELD], n_cars)
 
 
+@pytest.mark.parametrize("n_cars", [2.5, "3", True])
+def test_a_number_of_cars_that_is_none_is_refused(n_cars: object) -> None:
+    with pytest.raises(ConfigError, match=f"n_cars must be a whole number, .* got {n_cars!r}"):
+        PlanarVectorEnv(n_cars, "track_2")  # type: ignore[arg-type]
+
+
+def test_a_number_of_numpys_counts_as_cars_and_a_text_as_no_action() -> None:
+    env = PlanarVectorEnv(np.int64(3), "track_2")
+    assert type(env.num_envs) is int and env.reset(seed=0)[0].shape[0] == 3
+    with pytest.raises(ActionError, match=r"actions must be \(3, 2\) numbers, got 'abc'"):
+        env.step("abc")  # type: ignore[arg-type]
+
+
+def test_worlds_and_tasks_that_are_none_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"a world must be a World, got 'track_2'; give load_world"):
+        PlanarDrive(TaskConfig(), ["track_2"], 4)  # type: ignore[list-item]
+    with pytest.raises(ConfigError, match="task must be a TaskConfig, got {}"):
+        PlanarDrive({}, [FIELD], 4)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("n_cars", [10**9, 10**13])
 def test_more_cars_than_the_memory_holds_are_refused(n_cars: int) -> None:
     with pytest.raises(ConfigError, match=f"{n_cars} cars do not fit into the memory of 'cpu'"):
         planar(FIELD, n_cars)
 
 
-@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan"), (0.03, 0.01), (0.0, 0.2)])
+@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan"), (0.03, 0.01), (0.0, 0.2), "a", [0.01], None])
 def test_a_margin_out_of_range_is_refused(margin_m: float | tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match=r"margin_m must be in \[0, 0\.2\)"):
         PlanarDrive(TaskConfig(), [FIELD], 1, margin_m=margin_m)

@@ -11,7 +11,8 @@ from multiprocessing import get_context, parent_process
 from threading import Thread
 from typing import TypeVar
 
-from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.errors import ZebratError
+from zebrat_bullet.values import whole_number
 
 MOST_WORKERS = 256
 T = TypeVar("T")
@@ -40,8 +41,7 @@ def in_order(work: Callable[[T], R], things: Iterable[T], workers: int, batch: i
         ConfigError: fewer than one worker.
         ZebratError: when it is a thing's turn, and the process that it went to was killed or could not begin.
     """
-    if not 1 <= workers <= MOST_WORKERS:
-        raise ConfigError(f"workers must be at least 1, and at most {MOST_WORKERS}, got {workers}")
+    whole_number(workers, "workers", 1, MOST_WORKERS)
     return map(work, things) if workers == 1 else _in_processes(work, iter(things), workers, batch)
 
 
@@ -58,7 +58,7 @@ def telling_why_broken() -> Iterator[None]:
         raise ZebratError(
             "a worker process was killed, most often for want of memory; ask for fewer --workers or more memory. If a "
             "script of yours began this, each worker runs its top level again first, so what it does must stand under "
-            "`if __name__ == \"__main__\":`"
+            '`if __name__ == "__main__":`'
         ) from error
 
 

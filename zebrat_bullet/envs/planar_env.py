@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
-from zebrat_bullet.errors import ConfigError, EpisodeError
+from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError
 from zebrat_bullet.files import shown
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.planar.margins import Margins
@@ -65,7 +65,7 @@ class PlanarVectorEnv(VectorEnv):
         seed = int(np.random.default_rng().integers(2**31))  # until a reset names one
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, seed=seed, raw=raw, margin_m=margin_m)
         self.terminal = terminal_codes(config.reward)
-        self.num_envs = num_envs
+        self.num_envs = num_envs = self.drive.n_cars
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -140,7 +140,11 @@ class PlanarVectorEnv(VectorEnv):
         self._refuse_closed("step")
         if not self.drive.begun:
             raise EpisodeError("step: no episode was begun yet; call reset first")
-        return self.drive.step(like(np.asarray(actions, dtype=np.float32), self.drive.sim.pose))
+        try:
+            values = np.asarray(actions, dtype=np.float32)
+        except (TypeError, ValueError):  # a text, a ragged list
+            raise ActionError(f"actions must be ({self.num_envs}, 2) numbers, got {shown(repr(actions))}") from None
+        return self.drive.step(like(values, self.drive.sim.pose))
 
     def _info(self, step: PlanarStep, outcome: NDArray[np.int8]) -> dict[str, Any]:
         info: dict[str, Any] = {"terms": {name: on_host(term) for name, term in step.terms.items()}}

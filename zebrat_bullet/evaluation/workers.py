@@ -7,9 +7,9 @@ from multiprocessing import get_context
 
 from threadpoolctl import threadpool_limits
 
-from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.notes import say_notes_in_a_line
 from zebrat_bullet.processes import MOST_WORKERS, end_with_parent, telling_why_broken, usable_cores
+from zebrat_bullet.values import whole_number
 
 
 @contextmanager
@@ -21,11 +21,11 @@ def worker_pool(workers: int | None, n_jobs: int) -> Iterator[ProcessPoolExecuto
     After an error or Ctrl-C the jobs that have not begun are dropped.
 
     Raises:
-        ConfigError: fewer than one process was asked for.
+        ConfigError: not a whole number of processes, at least one.
         ZebratError: one was killed from outside, or could not begin.
     """
-    if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        raise ConfigError(f"the work takes at least 1 worker process, got {workers}; and at most {MOST_WORKERS}")
+    if workers is not None:
+        whole_number(workers, "workers", 1, MOST_WORKERS)
     n = min(workers or usable_cores(), max(n_jobs, 1))
     with telling_why_broken(), ProcessPoolExecutor(n, get_context("spawn"), _begin) as pool:
         try:

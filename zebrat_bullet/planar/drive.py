@@ -21,6 +21,7 @@ from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
+from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
 
 N_STARTS = 64
@@ -94,12 +95,13 @@ class PlanarDrive:
         margin_m: Margins = 0.0,
     ) -> None:
         self._margins_of = margins_of(margin_m)
+        of_kind(task, TaskConfig, "task", "PlanarVectorEnv takes a mapping too")
         check_weights(task.reward)
         require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
         task = fitted(task)
-        self.task, self.n_cars = task, n_cars
+        self.task = task
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
         self.spec = observation_spec(task, self.region, self.robot, raw)
@@ -112,6 +114,7 @@ class PlanarDrive:
         self._margins = np.empty((0, 2))
         self.weights: NDArray[np.float64] | None = None
         self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
+        self.n_cars = n_cars = len(self.sim.pose)
         self._note_worlds(worlds)
         self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
         self._trail = self.spec.new_trail(self.sim.command)
