@@ -1,7 +1,6 @@
 """One door to every world: shipped by name, a user's world file, mesh or ROS map by path."""
 
 import re
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +12,7 @@ import shapely.errors
 from zebrat_bullet.assets import asset_folder, find_asset
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.files import shown
-from zebrat_bullet.notes import Note
+from zebrat_bullet.notes import Note, say
 from zebrat_bullet.robot import RobotModel, load_robot, robot_of
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
@@ -61,8 +60,14 @@ def load_world(
     robot = default_robot() if robot is None else robot_of(robot)
     if spec.goal is not None or spec.waypoints is not None:
         world = _without_blind_line(world, spec, robot)
+    if reference.goal is not None and world.open_line is not None:
+        said = (
+            f"its exit decides, so reaching the goal ({reference.goal[0]:g}, {reference.goal[1]:g}) ends nothing: "
+            "planners drive to it, and success is to leave by the open-space line"
+        )
+        world = replace(world, notes=(*world.notes, said))
     for said in world.notes:  # also where it is refused next: it may be why
-        warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
+        say(f"{path}: {said}", WorldNote)
     check_closed(world, str(path))
     world = replace(world, source=str(replace(reference, name=_source(path))))
     validate_world(world, robot, str(path))
@@ -103,10 +108,9 @@ def load_worlds(
             check_in_memory(world, world.name)
         validate_world(world, robot, world.name)
         if not world.can_be_won:
-            warnings.warn(
+            say(
                 f"world {world.name!r} has neither exit nor goal, so no episode in it can succeed; name a goal",
                 WorldNote,
-                stacklevel=2,
             )
     return loaded
 
