@@ -95,7 +95,7 @@ def test_a_number_of_numpys_counts_as_cars_and_a_text_as_no_action() -> None:
 def test_worlds_and_tasks_that_are_none_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"a world must be a World, got 'track_2'; give load_world"):
         PlanarDrive(TaskConfig(), ["track_2"], 4)  # type: ignore[list-item]
-    with pytest.raises(ConfigError, match="task must be a TaskConfig, got {}"):
+    with pytest.raises(ConfigError, match=r"task must be a TaskConfig, got \{\}"):
         PlanarDrive({}, [FIELD], 4)  # type: ignore[arg-type]
 
 
