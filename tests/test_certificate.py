@@ -11,7 +11,7 @@ import shapely
 
 from zebrat_bullet.assets import list_assets
 from zebrat_bullet.config import PhysicsConfig
-from zebrat_bullet.errors import ConfigError, PlanError, WorldError
+from zebrat_bullet.errors import AssetError, ConfigError, PlanError, WorldError
 from zebrat_bullet.planning.arc_path import ArcPath, along_arc, axle_pose, outlines
 from zebrat_bullet.planning.certificate import (
     Certificate,
@@ -347,6 +347,15 @@ def test_a_certificate_survives_being_written(tmp_path: Path, certificate: Certi
 def test_a_world_without_exit_cannot_be_certified(world: World, robot: RobotModel) -> None:
     with pytest.raises(WorldError, match="open_line"):
         certify(replace(world, open_line=None), robot)
+
+
+def test_what_is_no_world_is_refused_and_a_car_may_be_named(world: World, robot: RobotModel) -> None:
+    with pytest.raises(ConfigError, match=r"a world must be a World, got 'track_2'; give load_world"):
+        certify("track_2", robot)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="a robot must be a RobotModel, got 5; name one"):
+        certify(world, 5)  # type: ignore[arg-type]
+    with pytest.raises(AssetError, match="no urdf named 'zebra'"):
+        certify(world, "zebra")
 
 
 def test_the_command_writes_what_it_could_certify_and_says_what_not(tmp_path: Path) -> None:

@@ -293,7 +293,7 @@ def test_after_an_error_the_jobs_that_have_not_begun_are_dropped():
         jobs = [pool.submit(time.sleep, 0.1) for _ in range(50)]
         raise ZeroDivisionError
     assert sum(job.cancelled() for job in jobs) > 40
-    with pytest.raises(ConfigError, match="at least 1 worker process, got 0"), worker_pool(0, 1):
+    with pytest.raises(ConfigError, match="workers must be at least 1, got 0"), worker_pool(0, 1):
         pass
 
 

@@ -16,7 +16,7 @@ from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Command, Reading
-from zebrat_bullet.world import load_world
+from zebrat_bullet.world import generate_spec, load_world, write_spec
 
 EMBREE = TaskConfig(lidar=LidarConfig(caster="embree"))
 
@@ -124,6 +124,46 @@ def test_a_missing_agent_or_world_is_named_before_anything_is_driven(tmp_path):
         judge(what)
     with pytest.raises((AssetError, WorldError), match="track_1"):
         judge(replace(what, agent="random", worlds=("nowhere",)))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"episodes": "2"}, "episodes must be a whole number, 1 to 1000000, got '2'"),
+        ({"episodes": 1.5}, "episodes must be a whole number"),
+        ({"episodes": True}, "episodes must be a whole number"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"seed": -1}, "seed must be at least 0, got -1"),
+        ({"agent": None}, "agent must be a str, got None; name one, a policy file or a run folder"),
+        ({"task": {}}, r"task must be a TaskConfig, got {}; give TaskConfig\(...\)"),
+        ({"worlds": "track_2"}, "worlds must be names or files of worlds, in a list, got 'track_2'"),
+        ({"worlds": (load_world("track_2"),)}, r"in a list, got \(World.{,70}; .* by write_spec\(generate_spec"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused_with_what_can(change, said):
+    what = Judgement(agent="random", worlds=("track_1",), episodes=np.int64(2), task=EMBREE)
+    with pytest.raises(ConfigError, match=said):
+        replace(what, **change)
+
+
+def test_workers_that_are_no_number_are_refused():
+    with pytest.raises(ConfigError, match="workers must be a whole number, 1 to 256, got 'a'"):
+        judge(Judgement(agent="random", worlds=("track_1",), episodes=1, workers="a", task=EMBREE))
+
+
+def test_a_generated_track_is_judged_by_the_file_that_it_was_saved_as(tmp_path):
+    path = write_spec(generate_spec(3), tmp_path)
+    scores = judge(Judgement(agent="random", worlds=[path], episodes=1, workers=1, task=EMBREE))
+    assert list(scores) == [str(path)]
+
+
+def test_a_driver_that_is_none_is_told_what_it_lacks(drive):
+    with pytest.raises(ConfigError, match=r"'oracle' lacks name, privileged, reset, act; load_agent\(NAME, task\)"):
+        run_episode(drive, "oracle", 0, 0)
+    tuples = Straight()
+    tuples.act = lambda reading: (0.6, 0.0)
+    with pytest.raises(ConfigError, match=r"what act returned must be a Command, got \(0.6, 0.0\)"):
+        run_episode(drive, tuples, 0, 0)
 
 
 def test_a_record_from_a_users_own_world_names_the_file_it_can_be_loaded_from(tmp_path):

@@ -14,6 +14,7 @@ ORDER = [
         "notes",
         "outputs",
         "files",
+        "values",
         "arrays",
         "types",
         "config",

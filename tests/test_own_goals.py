@@ -18,6 +18,7 @@ from zebrat_bullet.agents import load_agent
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, TaskConfig
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
+from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.judge import Judgement, judge, require_winnable_by
 from zebrat_bullet.evaluation.records import load_record
@@ -26,7 +27,7 @@ from zebrat_bullet.task.episode import EpisodeRules, Outcome, gates_of
 from zebrat_bullet.training.presets import TRAIN_PRESETS
 from zebrat_bullet.training.run import train
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world import World, load_world
+from zebrat_bullet.world import World, WorldNote, load_world
 
 ROOM = "free_space: [[[0, 0], [8, 0], [8, 4], [0, 4]]]\n"
 IN_ROOM = "name: room\n" + ROOM + "start: {pose: [1.5, 2, 0], range_x_m: 0, range_y_m: 0, range_yaw_rad: 0}\n"
@@ -193,6 +194,13 @@ def test_training_from_anywhere_on_a_world_without_a_centre_line_is_refused_once
 def test_a_goal_that_is_none_is_refused(write: Write, goal: str, said: str) -> None:
     with pytest.raises(WorldError, match=f"goal: .*{said}"):
         load_world(write(IN_ROOM + f"goal: {goal}\n"))
+
+
+def test_a_goal_that_ends_nothing_is_told_at_the_line_that_named_it() -> None:
+    said = r"its exit decides, so reaching the goal \(2.6, 0\) ends nothing"
+    with pytest.warns(WorldNote, match=said) as told:
+        ZebratEnv("track_2", goal=(2.6, 0.0)).close()
+    assert [each.filename for each in told] == [__file__]
 
 
 def test_a_goal_behind_a_gap_too_narrow_for_the_car_is_refused(write: Write) -> None:

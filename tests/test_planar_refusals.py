@@ -16,6 +16,8 @@ from zebrat_bullet.errors import ActionError, AssetError, ConfigError, EpisodeEr
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import PlanarSimulation, find_device
 from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
+from zebrat_bullet.types import Pose2
 
 LOW = replace(box_world(), name="kerb", low_obstacles=shapely.MultiPolygon([shapely.box(1.0, -1.0, 1.2, 1.0)]))
 
@@ -77,13 +79,33 @@ def test_fewer_than_one_car_is_refused(n_cars: int) -> None:
         PlanarDrive(TaskConfig(), [FIELD], n_cars)
 
 
+@pytest.mark.parametrize("n_cars", [2.5, "3", True])
+def test_a_number_of_cars_that_is_none_is_refused(n_cars: object) -> None:
+    with pytest.raises(ConfigError, match=f"n_cars must be a whole number, .* got {n_cars!r}"):
+        PlanarVectorEnv(n_cars, "track_2")  # type: ignore[arg-type]
+
+
+def test_a_number_of_numpys_counts_as_cars_and_a_text_as_no_action() -> None:
+    env = PlanarVectorEnv(np.int64(3), "track_2")
+    assert type(env.num_envs) is int and env.reset(seed=0)[0].shape[0] == 3
+    with pytest.raises(ActionError, match=r"actions must be \(3, 2\) numbers, got 'abc'"):
+        env.step("abc")  # type: ignore[arg-type]
+
+
+def test_worlds_and_tasks_that_are_none_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"a world must be a World, got 'track_2'; give load_world"):
+        PlanarDrive(TaskConfig(), ["track_2"], 4)  # type: ignore[list-item]
+    with pytest.raises(ConfigError, match=r"task must be a TaskConfig, got \{\}"):
+        PlanarDrive({}, [FIELD], 4)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("n_cars", [10**9, 10**13])
 def test_more_cars_than_the_memory_holds_are_refused(n_cars: int) -> None:
     with pytest.raises(ConfigError, match=f"{n_cars} cars do not fit into the memory of 'cpu'"):
         planar(FIELD, n_cars)
 
 
-@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan"), (0.03, 0.01), (0.0, 0.2)])
+@pytest.mark.parametrize("margin_m", [-0.01, 0.2, float("nan"), (0.03, 0.01), (0.0, 0.2), "a", [0.01], None])
 def test_a_margin_out_of_range_is_refused(margin_m: float | tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match=r"margin_m must be in \[0, 0\.2\)"):
         PlanarDrive(TaskConfig(), [FIELD], 1, margin_m=margin_m)
@@ -166,6 +188,50 @@ def test_actions_beyond_the_limits_are_clipped() -> None:
         drive.step(np.float32([action]))
         ends.append(drive.sim.motion.copy())
     assert np.array_equal(*ends)
+
+
+WALL = box_world(((2.0, 3.0), (-2.0, 2.0), (0.0, 1.0)))
+FREE = [(0.0, 0.0, 0.0), (-3.0, 1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("worlds", "poses", "said"),
+    [
+        ([0, 2], FREE, "worlds must be 0 to 1, got 0 to 2"),
+        ([-1, 0], FREE, "worlds must be 0 to 1, got -1 to 0"),
+        ([0.7, 0.0], FREE, r"worlds must be 2 whole numbers, one for each car, got \[0.7, 0.0\]"),
+        ([0], FREE, "worlds must be 2 whole numbers"),
+        ([0, 0], FREE[:1], r"poses must be 2, one for each car, each a Pose2 or \(x, y, yaw\) in m and rad"),
+        ([0, 0], [(0.0, 0.0), (1.0, 0.0)], "poses must be 2"),
+        ([0, 0], [Pose2(0.0, 0.0, 0.0), "here"], "poses must be 2"),
+        ([0, 0], [FREE[0], (np.nan, 0.0, 0.0)], "the pose of car 1 must be finite"),
+        ([0, 0], [FREE[0], (1e9, 0.0, 0.0)], "the pose of car 1 .* lies outside 'boxes', x -21.00 to 21.00"),
+        ([0, 1], [FREE[0], (2.5, 0.0, 0.0)], "the pose of car 1 .* puts it into a wall of 'boxes'; move it"),
+    ],
+)
+def test_a_place_where_no_car_can_begin_is_refused_and_nothing_moves(
+    worlds: list[float], poses: list[tuple[float, ...]], said: str
+) -> None:
+    drive = PlanarDrive(TaskConfig(), [FIELD, WALL], 2)
+    before = pickle.dumps(drive.state())
+    with pytest.raises(ConfigError, match=said):
+        drive.begin_at(worlds, poses)
+    assert pickle.dumps(drive.state()) == before
+    drive.begin_at([0, 1], [Pose2(*FREE[0]), Pose2(*FREE[1])])
+
+
+def test_cars_that_were_placed_may_drive_and_those_of_a_training_not_before_a_reset_or_after_the_end() -> None:
+    actions = np.zeros((2, 2), dtype=np.float32)
+    env = PlanarVectorEnv(2, "track_2")
+    cars = PlanarVecEnv(env)
+    with pytest.raises(EpisodeError, match="call reset first"):
+        cars.step(actions)
+    env.drive.begin_at([0, 0], [env.drive.worlds[0].start.pose] * 2)
+    env.step(actions)
+    cars.step(actions)
+    cars.close()
+    with pytest.raises(EpisodeError, match="this environment is closed; make a new one"):
+        cars.step(actions)
 
 
 def test_planar_cars_are_neither_stepped_before_a_reset_nor_copied() -> None:

@@ -380,6 +380,8 @@ def test_a_model_to_begin_with_must_be_there_and_fit(tmp_path):
         ({"max_minutes": 0.0}, "max_minutes must be above 0, or null"),
         ({"eval_every": 0}, "eval_every must be at least 1"),
         ({"worlds": ()}, "nothing to train on: name at least one world"),
+        ({"worlds": "track_2"}, "worlds must be names or files of worlds, in a list, got 'track_2'"),
+        ({"eval_worlds": (load_world("track_2"),)}, r"in a list, got \(World.*write_spec"),
     ],
 )
 def test_settings_that_cannot_be_meant_are_refused(change, message):

@@ -48,9 +48,9 @@ def world() -> World:
 
 
 @pytest.fixture(scope="module")
-def bare(world: World) -> World:
+def bare() -> World:
     """A world that names no waypoints."""
-    return replace(world, name="bare", waypoints=np.empty((0, 2)))
+    return replace(load_world("track_1"), name="bare", waypoints=np.empty((0, 2)))
 
 
 @pytest.fixture(scope="module")

@@ -39,6 +39,16 @@ CASES = {
     "a free space that crosses itself": (HEAD + BOW_TIE, "free_space[0]", "reorder"),
     "a start in a wall": (GOOD + "start: {at_m: 0.4}\n", "start:", "move the start"),
     "a start range that reaches a wall": (GOOD + "start: {range_y_m: 0.5}\n", "start:", "smaller"),
+    "a start that is said twice": (
+        GOOD + "start: {pose: [1.5, 0, 0], at_m: 2}\n",
+        "start: pose and at_m",
+        "remove one",
+    ),
+    "a buttress past the end": (
+        GOOD + "obstacles:\n  - {buttress: left, at_m: 50, length: 0.3, depth: 0.2}\n",
+        "obstacles[0].at_m: 50.0 m is past the end at 4.00 m",
+        "lower it",
+    ),
     "a start past the end": (GOOD + "start: {at_m: 9}\n", "start.at_m", "lower"),
     "a passage narrower than the car": (
         GOOD + "  - {straight: 1.0, width: 0.55}\n  - {straight: 1.0, width: 1.5}\n",

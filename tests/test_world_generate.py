@@ -15,7 +15,15 @@ from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.episode import draw_pose
-from zebrat_bullet.world import HELD_OUT_SEED, World, generate_track, generate_tracks, load_world, world_summary
+from zebrat_bullet.world import (
+    HELD_OUT_SEED,
+    World,
+    generate_spec,
+    generate_track,
+    generate_tracks,
+    load_world,
+    world_summary,
+)
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.generate import _check_closed
 from zebrat_bullet.world.schema import WorldSpec
@@ -23,6 +31,35 @@ from zebrat_bullet.world.solid import ExtrudedMesh, Solid, extrude, join
 from zebrat_bullet.world.validate import validate_world
 
 ROBOT = load_robot("zebrat")
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", True])
+def test_a_seed_that_is_none_is_refused(seed: object) -> None:
+    for make in (lambda: next(generate_tracks([seed])), lambda: generate_spec(seed)):  # type: ignore[list-item,arg-type]
+        with pytest.raises(ConfigError, match=r"a seed must be (a whole number|at least 0)"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"difficulty": "hard"}, r"difficulty must be 0 \(easy\) to 1 \(hard\), got 'hard'"),
+        ({"family": []}, "family is empty; name at least one of mixed"),
+        ({"workers": "a"}, "workers must be a whole number"),
+        ({"seeds": 5}, "seeds must be a range or a list, got 5"),
+        ({"robot": 5}, "a robot must be a RobotModel, got 5; name one"),
+    ],
+)
+def test_what_no_track_can_be_drawn_by_is_refused_at_once(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        generate_tracks(**({"seeds": [0]} | wrong))  # type: ignore[arg-type]
+
+
+def test_a_car_may_be_named_and_randomness_be_no_number() -> None:
+    named, loaded = (next(generate_tracks([np.int64(4)], robot=robot)) for robot in ("long", load_robot("long")))
+    assert named.walls.equals(loaded.walls) and load_world("track_2", robot="zebrat").name == "track_2"
+    with pytest.raises(ConfigError, match=r"rng must be a Generator, got 5; give np.random.default_rng\(SEED\)"):
+        generate_track(5)  # type: ignore[arg-type]
 
 
 def test_generated_tracks_are_valid_and_of_the_length_asked_for() -> None:

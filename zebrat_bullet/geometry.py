@@ -38,6 +38,13 @@ def to_world(points_base: NDArray[np.float64], pose: Pose2) -> NDArray[np.float6
     return np.asarray(points_base) @ rotation_2d(pose.yaw).T + (pose.x, pose.y)
 
 
+def to_world_all(points_base: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move (K, 2) points in m from the base frame of each of n cars at (n, 3) poses; return (n, K, 2), world frame."""
+    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x, y = points_base.T
+    return np.stack([poses[:, 0, None] + c * x - s * y, poses[:, 1, None] + s * x + c * y], axis=-1)
+
+
 def wall_segments(walls: shapely.Geometry) -> NDArray[np.float64]:
     """Return the edges of all outlines as (S, 2, 2) end points."""
     coordinates, owner = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(walls)), return_index=True)

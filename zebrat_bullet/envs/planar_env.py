@@ -9,10 +9,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, like, on_host
+from zebrat_bullet.arrays import like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
-from zebrat_bullet.errors import ConfigError, EpisodeError
+from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError
 from zebrat_bullet.files import shown
 from zebrat_bullet.planar.drive import PlanarDrive, PlanarStep
 from zebrat_bullet.planar.margins import Margins
@@ -65,8 +65,7 @@ class PlanarVectorEnv(VectorEnv):
         seed = int(np.random.default_rng().integers(2**31))  # until a reset names one
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, seed=seed, raw=raw, margin_m=margin_m)
         self.terminal = terminal_codes(config.reward)
-        self.num_envs = num_envs
-        self._begun = False
+        self.num_envs = num_envs = self.drive.n_cars
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -94,7 +93,6 @@ class PlanarVectorEnv(VectorEnv):
                 "PyBullet's env begins an episode by its number"
             )
         super().reset(seed=seed)
-        self._begun = True
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}
 
@@ -109,10 +107,7 @@ class PlanarVectorEnv(VectorEnv):
             ActionError: an action is not finite; the message names car and step, and nothing was simulated.
             EpisodeError: nothing was begun yet, or the cars are closed.
         """
-        self._refuse_closed("step")
-        if not self._begun:
-            raise EpisodeError("step: no episode was begun yet; call reset first")
-        step = self.drive.step(self.on_device(actions))
+        step = self.drive_step(actions)
         outcome = on_host(step.outcome)
         ended = outcome > 0
         terminated = self.terminal[outcome]
@@ -136,10 +131,20 @@ class PlanarVectorEnv(VectorEnv):
         if self.closed:
             raise EpisodeError(f"{what}: this environment is closed; make a new one")
 
-    def on_device(self, actions: NDArray[np.float32]) -> Array:
-        """Return actions where the cars are."""
-        values = np.asarray(actions, dtype=np.float32)
-        return like(values, self.drive.sim.pose)
+    def drive_step(self, actions: NDArray[np.float32]) -> PlanarStep:
+        """Drive every car one control step and return all that came of it, on the device of the cars.
+
+        Raises:
+            ActionError, EpisodeError: as `step`.
+        """
+        self._refuse_closed("step")
+        if not self.drive.begun:
+            raise EpisodeError("step: no episode was begun yet; call reset first")
+        try:
+            values = np.asarray(actions, dtype=np.float32)
+        except (TypeError, ValueError):  # a text, a ragged list
+            raise ActionError(f"actions must be ({self.num_envs}, 2) numbers, got {shown(repr(actions))}") from None
+        return self.drive.step(like(values, self.drive.sim.pose))
 
     def _info(self, step: PlanarStep, outcome: NDArray[np.int8]) -> dict[str, Any]:
         info: dict[str, Any] = {"terms": {name: on_host(term) for name, term in step.terms.items()}}

@@ -15,7 +15,8 @@ from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.files import shown
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.world import World, WorldNote, load_world, require_winnable, world_labels
+from zebrat_bullet.values import of_kind, whole_number
+from zebrat_bullet.world import World, WorldNote, load_world, require_winnable, world_labels, world_names
 
 CHUNK = 5
 
@@ -26,13 +27,14 @@ class Judgement:
 
     Attributes:
         agent: an agent's name (with settings: "dwa:allow_reverse=true"), policy file or run folder.
-        worlds: world names or files.
+        worlds: world names or files; `write_spec` saves a generated track as one.
         episodes: episodes in each world.
         seed: first part of every episode's seed; episode k of a world starts the same for every agent.
         action_noise: Gaussian noise on the commands, as a fraction of the limits.
         supervised_m: margin of the supervisor that the commands go through; None: there is none.
         records: folder for the episode records; None keeps none.
-        workers: processes; None takes one a core.
+        workers: processes; None takes one a core. They import the main module again, so a script that judges needs its
+            `if __name__ == "__main__":`.
         task: the task driven.
     """
 
@@ -47,9 +49,12 @@ class Judgement:
     task: TaskConfig
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise ConfigError(f"episodes must be at least 1, got {self.episodes}")
-        within(self, episodes=(1, 10**6), seed=(0, 2**63 - 1), action_noise=(0.0, 100.0), supervised_m=(0.0, 100.0))
+        whole_number(self.episodes, "episodes", 1, 10**6)
+        whole_number(self.seed, "seed", 0, 2**63 - 1)
+        within(self, action_noise=(0.0, 100.0), supervised_m=(0.0, 100.0))
+        of_kind(self.agent, str, "agent", "name one, a policy file or a run folder, as a text")
+        of_kind(self.task, TaskConfig, "task", "give TaskConfig(...)")
+        object.__setattr__(self, "worlds", world_names(self.worlds))
         if not self.worlds:
             raise ConfigError("name at least one world")
         require_each_once(self.worlds)

@@ -13,9 +13,11 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import ConfigError, WorldError, ZebratError
 from zebrat_bullet.evaluation.records import EpisodeRecord
+from zebrat_bullet.files import shown
 from zebrat_bullet.task.drive import Drive, DriveStep
 from zebrat_bullet.task.rewards import TERMS
 from zebrat_bullet.types import Command, Reading, RobotState
+from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
 
 
@@ -37,10 +39,11 @@ def run_episode(
         world: where; None keeps the drive's world.
 
     Raises:
-        ConfigError: the agent asks for a privilege that there is not, or for waypoints that the world has not.
+        ConfigError: it is no agent, returns no command, or asks for a privilege that there is not or for waypoints
+            that the world has not.
         WorldError: it asks for the goal of a world without waypoints.
     """
-    _check_privileges(agent)
+    _check_agent(agent)
     agent.reset(int(np.random.SeedSequence([seed, episode, 1]).generate_state(1)[0]))
     rng = np.random.default_rng([seed, episode])
     reading = drive.reset(rng, world, guided="waypoint" in agent.privileged, whole_scans=True)
@@ -50,6 +53,7 @@ def run_episode(
     touching: list[bool] = []
     while not steps or steps[-1].outcome is None:
         command = agent.act(_with_privileges(reading, drive, agent))
+        of_kind(command, Command, "what act returned", "return Command(speed_mps, steering_rad) of zebrat_bullet.types")
         if isinstance(agent, SupervisedAgent) and len(agent.refused) > len(touching):
             wanted = agent.refused[-1].command
             touching.append(_is_finite(wanted) and drive.sim.would_touch(wanted))
@@ -128,7 +132,13 @@ def replay_episode(drive: Drive, record: EpisodeRecord, world: World) -> Episode
     return again
 
 
-def _check_privileges(agent: Agent) -> None:
+def _check_agent(agent: Agent) -> None:
+    missing = [name for name in ("name", "privileged", "reset", "act") if not hasattr(agent, name)]
+    if missing:
+        raise ConfigError(
+            f"an agent has name, privileged, reset(seed) and act(reading), and {shown(repr(agent))} lacks "
+            f"{', '.join(missing)}; load_agent(NAME, task) gives one by name"
+        )
     unknown = agent.privileged - PRIVILEGES
     if unknown:
         raise ConfigError(f"agent {agent.name}: no privilege {sorted(unknown)}; there are {sorted(PRIVILEGES)}")

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig, require_planar_cars
 from zebrat_bullet.errors import ActionError, ConfigError
 from zebrat_bullet.planar.margins import OTHER, Margins, margins_of
+from zebrat_bullet.planar.places import places_of
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
@@ -20,6 +21,7 @@ from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
+from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
 
 N_STARTS = 64
@@ -73,6 +75,7 @@ class PlanarDrive:
         worlds: those there are; `add_worlds` brings more.
         starts: (W, N_STARTS, 3) float64, the poses at which episodes begin, world frame.
         weights: (W,) chances of the worlds, or None where all are alike.
+        begun: whether anyone has said since it was made how the episodes begin: by `reset`, `begin_at` or `load`.
 
     Raises:
         ConfigError: the task is guided or disturbs what planar cars do not have, the device is not there, or its memory
@@ -92,12 +95,13 @@ class PlanarDrive:
         margin_m: Margins = 0.0,
     ) -> None:
         self._margins_of = margins_of(margin_m)
+        of_kind(task, TaskConfig, "task", "PlanarVectorEnv takes a mapping too")
         check_weights(task.reward)
         require_planar_cars(task)
         if not worlds:
             raise ConfigError("worlds is empty; name at least one world")
         task = fitted(task)
-        self.task, self.n_cars = task, n_cars
+        self.task = task
         self.robot = load_robot(task.robot)
         self.region = make_region(self.robot, task.region, task.lidar.n_bearings)
         self.spec = observation_spec(task, self.region, self.robot, raw)
@@ -110,6 +114,7 @@ class PlanarDrive:
         self._margins = np.empty((0, 2))
         self.weights: NDArray[np.float64] | None = None
         self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
+        self.n_cars = n_cars = len(self.sim.pose)
         self._note_worlds(worlds)
         self._rules = EpisodeRules(task.episode, self.robot, self.sim.pose)
         self._trail = self.spec.new_trail(self.sim.command)
@@ -117,6 +122,7 @@ class PlanarDrive:
         self._start = np.zeros(n_cars, dtype=np.int32)
         self._noise_base = np.zeros(n_cars, dtype=np.int32)
         self.reset(seed)
+        self.begun = False
 
     def add_worlds(self, worlds: Sequence[World]) -> None:
         """Let later episodes take place in these worlds too."""
@@ -144,16 +150,26 @@ class PlanarDrive:
         """Begin an episode of every car and return the (N, size) observations; None goes on with the same generator."""
         if seed is not None:
             self._rng = np.random.default_rng(seed)
-        everyone = np.arange(self.n_cars)
-        self._begin(everyone)
+        self._begin(np.arange(self.n_cars))
+        self.begun = True
         self.sim.look()
         return self._observe()
 
-    def begin_at(self, worlds: NDArray[np.int32], poses: Sequence[Pose2] | NDArray[np.float64]) -> Array:
-        """Begin an episode of every car in a given world and at a given pose, world frame; return the observations."""
-        everyone = np.arange(self.n_cars)
-        rows = [(p.x, p.y, p.yaw) if isinstance(p, Pose2) else tuple(p) for p in poses]
-        self._place(everyone, np.asarray(worlds, dtype=np.int32), np.array(rows, dtype=np.float64))
+    def begin_at(self, worlds: ArrayLike, poses: Sequence[Pose2] | NDArray[np.float64]) -> Array:
+        """Begin an episode of every car in a given world and at a given pose; return the (N, size) observations.
+
+        Args:
+            worlds: (N,) whole numbers, places in `worlds`.
+            poses: N of them, or (N, 3) x, y in m and yaw in rad, world frame.
+
+        Raises:
+            ConfigError: not one for each car, there is no such world, or a car would stand in a wall or off the ground.
+        """
+        self._place(
+            np.arange(self.n_cars),
+            *places_of(worlds, poses, self.n_cars, self.worlds, self.robot.footprint_base),
+        )
+        self.begun = True
         self.sim.look()
         return self._observe()
 
@@ -267,7 +283,7 @@ class PlanarDrive:
                 raise ValueError(f"{name} must be {least} to {most}, got {given.min()} to {given.max()}")
         for name, array in self._arrays().items():
             array[...] = like(arrays[name], array)
-        self._n_steps = plain["n_steps"]
+        self._n_steps, self.begun = plain["n_steps"], True
         self._rng.bit_generator.state = plain["rng"]
         return self._observe()
 

@@ -1,9 +1,11 @@
 """How near a wall counts as touched while a policy learns: one distance, a range, or by family of tracks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from numbers import Real
 
 from zebrat_bullet.config import Range
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.files import shown
 from zebrat_bullet.world import check_family
 
 Margins = float | Range | Mapping[str, float | Range]
@@ -28,7 +30,7 @@ def margins_of(margin_m: Margins) -> dict[str, Range]:
 
 
 def _range_of(margin_m: float | Range) -> Range:
-    least, most = (margin_m, margin_m) if isinstance(margin_m, (int, float)) else margin_m
-    if not 0.0 <= least <= most < NEAR_M:
-        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {margin_m}")
-    return least, most
+    ends = tuple(margin_m) if isinstance(margin_m, Sequence) else (margin_m, margin_m)
+    if len(ends) != 2 or not all(isinstance(end, Real) for end in ends) or not 0.0 <= ends[0] <= ends[1] < NEAR_M:
+        raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {shown(repr(margin_m))}")
+    return ends

@@ -19,6 +19,7 @@ from zebrat_bullet.planar.kernels.drive import make_drive
 from zebrat_bullet.planar.kernels.look import N_RAYS_ABREAST, look
 from zebrat_bullet.planar.kernels.walls import Walls
 from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.values import of_kind, whole_number
 from zebrat_bullet.world import World
 
 CARS_ABREAST = 16
@@ -60,8 +61,7 @@ class PlanarSimulation:
         n_cars: int,
         device: str = "cpu",
     ) -> None:
-        if n_cars < 1:
-            raise ConfigError(f"n_cars must be at least 1, got {n_cars}")
+        n_cars = whole_number(n_cars, "n_cars", 1, 10**15)
         self.device = find_device(device)
         self._n_abreast = CARS_ABREAST if self.device == "cpu" else 1
         self._physics, self._reach_m = task.physics, task.lidar.range_max_m
@@ -121,7 +121,7 @@ class PlanarSimulation:
             WorldError: the height band cannot see the walls of one whole.
         """
         for world in worlds:
-            require_planar(world)
+            require_planar(of_kind(world, World, "a world", "give load_world(...)"))
         near_m = self._car.circumradius_m + self._car.data.near
         self._charts += [chart(world, near_m, self._reach_m) for world in worlds]
         atlas = bind(self._charts)

@@ -19,6 +19,7 @@ from zebrat_bullet.planning.arc_path import ArcPath, axle_pose, clearances, swee
 from zebrat_bullet.planning.grid import inscribed_radius_m
 from zebrat_bullet.planning.shortest_path import shortest_length_m
 from zebrat_bullet.robot import RobotModel, within_limits
+from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
 from zebrat_bullet.world.fingerprint import digest, rounded, rounded_rings, rounded_start
 
@@ -167,8 +168,10 @@ def open_line_of(world: World) -> NDArray[np.float64]:
     """Return the (2, 2) open-space line of a world that can be certified.
 
     Raises:
+        ConfigError: it is no world.
         WorldError: it declares no exit.
     """
+    of_kind(world, World, "a world", "give load_world(...)")
     if world.open_line is None or not len(world.waypoints):
         raise WorldError(f"{world.name} declares no exit to be certified; give it an open_line and waypoints")
     return world.open_line

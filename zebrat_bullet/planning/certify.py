@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import PlanError, WorldError
@@ -11,7 +12,7 @@ from zebrat_bullet.planning.certificate import CLOSELY_M, Certificate, certifica
 from zebrat_bullet.planning.hybrid_a_star import HybridAStarConfig, plan_path
 from zebrat_bullet.planning.no_way import proves_no_way
 from zebrat_bullet.processes import in_order
-from zebrat_bullet.robot import RobotModel, within_limits
+from zebrat_bullet.robot import RobotModel, robot_of, within_limits
 from zebrat_bullet.world import World
 
 LEAST_MARGIN_M = 0.003
@@ -26,12 +27,16 @@ _FEW = 2
 
 
 def certify(
-    world: World, robot: RobotModel, physics: PhysicsConfig | None = None, margin_m: float = LEAST_MARGIN_M
+    world: World,
+    robot: RobotModel | str | Path,
+    physics: PhysicsConfig | None = None,
+    margin_m: float = LEAST_MARGIN_M,
 ) -> Certificate:
     """Find a drive out of a world, from the middle of its start range.
 
     Args:
-        world, robot: what to leave, and in what.
+        world: what to leave.
+        robot: in what, by name, file or as `load_robot` gives it.
         physics: limits of the commands, the defaults if None; the car's own where those are lower.
         margin_m: what the drive keeps from every wall at least.
 
@@ -39,8 +44,9 @@ def certify(
         PlanError: `proven`, where no drive at all leads out; else the search found none, and there may be one.
         WorldError: the world declares no exit.
     """
-    physics = within_limits(physics or PhysicsConfig(), robot)
     open_line_of(world)
+    robot = robot_of(robot)
+    physics = within_limits(physics or PhysicsConfig(), robot)
     return certificate_of(_find(world, robot, physics, margin_m), world, robot, physics)
 
 

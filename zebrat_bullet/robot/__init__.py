@@ -6,7 +6,7 @@ mass), `motors` (limits), and, unless the file is `written` as physics needs it,
 """
 
 from zebrat_bullet.robot.fit import fitted, most_steering_rad, within_limits
-from zebrat_bullet.robot.load import Inspection, inspect_robot, load_robot, refusal
+from zebrat_bullet.robot.load import Inspection, inspect_robot, load_robot, refusal, robot_of
 from zebrat_bullet.robot.model import GRAVITY_MPS2, LIDAR_JOINT, ROLES, STEERING_JOINTS, WHEEL_JOINTS, RobotModel
 from zebrat_bullet.robot.setup import named_robot, robot_setup
 
@@ -24,6 +24,7 @@ __all__ = [
     "most_steering_rad",
     "named_robot",
     "refusal",
+    "robot_of",
     "robot_setup",
     "within_limits",
 ]

@@ -19,6 +19,7 @@ from zebrat_bullet.robot.plain import axle_means, mirrored, plain_car
 from zebrat_bullet.robot.setup import RobotSetup, robot_setup
 from zebrat_bullet.robot.suggest import missing_roles
 from zebrat_bullet.robot.written import as_physics_needs, written_inertia
+from zebrat_bullet.values import of_kind
 
 
 @dataclass
@@ -56,6 +57,18 @@ def load_robot(name_or_path: str | Path = "zebrat") -> RobotModel:
     if seen.robot is None:
         raise RobotError(refusal(seen))
     return seen.robot
+
+
+def robot_of(robot: RobotModel | str | Path) -> RobotModel:
+    """Return a robot that is one already, or is named as for `load_robot`.
+
+    Raises:
+        ConfigError: it is neither.
+        AssetError, RobotError: as `load_robot`.
+    """
+    if isinstance(robot, str | Path):
+        return load_robot(robot)
+    return of_kind(robot, RobotModel, "a robot", 'name one, "zebrat", or give load_robot(...)')
 
 
 def refusal(seen: Inspection) -> str:

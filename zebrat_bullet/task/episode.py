@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.arrays import Array, device_of, namespace
 from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import WorldError
-from zebrat_bullet.geometry import rotation_2d
+from zebrat_bullet.geometry import rotation_2d, to_world_all
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World
@@ -106,18 +106,11 @@ def anywhere_poses(
         side = rng.uniform(-0.3, 0.3, n) * np.maximum(world.widths_m[i] - 0.6, 0.0)
         x, y = line[i].T + side * np.stack([-np.sin(heading), np.cos(heading)])
         poses = np.stack([x, y, heading + rng.uniform(-yaw_rad, yaw_rad, n)], axis=1)
-        free = ~shapely.intersects(shapely.polygons(_placed(corners, poses)), world.walls)
+        free = ~shapely.intersects(shapely.polygons(to_world_all(corners, poses)), world.walls)
         found.append(poses[free])
         if sum(map(len, found)) >= n:
             return np.concatenate(found)[:n]
     raise WorldError(f"world {world.name!r}: no free poses along the centre line in {ANYWHERE_TRIES} tries")
-
-
-def _placed(corners: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (n, K, 2) outlines in m of (K, 2) corners, base frame, at (n, 3) poses."""
-    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    x, y = corners.T
-    return np.stack([poses[:, 0, None] + c * x - s * y, poses[:, 1, None] + s * x + c * y], axis=-1)
 
 
 class EpisodeRules:

@@ -40,7 +40,7 @@ class PlanarVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Drive one control step."""
-        step = self.env.drive.step(self.env.on_device(self._actions))
+        step = self.env.drive_step(self._actions)
         outcome, reward = on_host(step.outcome), on_host(step.reward).astype(np.float32)
         self._returns += reward
         self._lengths += 1
@@ -70,7 +70,8 @@ class PlanarVecEnv(VecEnv):
         self._returns[:], self._lengths[:] = arrays["returns"], arrays["lengths"]
 
     def close(self) -> None:
-        """Do nothing: memory goes with the object."""
+        """Drive no more; memory goes with the object."""
+        self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of the vector env, once for each car asked for."""

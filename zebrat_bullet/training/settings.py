@@ -9,7 +9,7 @@ from zebrat_bullet.planar.margins import Margins, margins_of
 from zebrat_bullet.task.rewards import check_weights
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learner_settings import DDPGConfig, Learner
-from zebrat_bullet.world import HELD_OUT_SEED, check_family
+from zebrat_bullet.world import HELD_OUT_SEED, check_family, world_names
 
 VALIDATION_SEED = 800_000
 """Generated tracks of seeds from here to `HELD_OUT_SEED` choose the best policy of a run."""
@@ -124,6 +124,8 @@ class TrainConfig:
     task: TaskConfig = field(default_factory=lambda: TaskConfig(lidar=LidarConfig(caster="embree", bearings="region")))
 
     def __post_init__(self) -> None:
+        for name in ("worlds", "eval_worlds"):
+            object.__setattr__(self, name, world_names(getattr(self, name)))
         at_least_one(self, "episodes", "n_envs", "threads", "eval_every", "eval_episodes", "checkpoint_every")
         if self.stop_at is not None:
             shares(self, "stop_at")

@@ -11,7 +11,8 @@ from zebrat_bullet.world.generate import (
 )
 from zebrat_bullet.world.goal import require_winnable
 from zebrat_bullet.world.load import WorldNote, load_world, load_worlds, sketch_world
-from zebrat_bullet.world.reference import anywhere, parse_reference, unique_names, world_labels
+from zebrat_bullet.world.reference import anywhere, parse_reference, unique_names, world_labels, world_names
+from zebrat_bullet.world.schema import WorldSpec, write_spec
 from zebrat_bullet.world.summary import world_summary
 from zebrat_bullet.world.world import Mesh, Start, World
 
@@ -22,6 +23,7 @@ __all__ = [
     "Start",
     "World",
     "WorldNote",
+    "WorldSpec",
     "anywhere",
     "check_family",
     "difficulty_of",
@@ -35,5 +37,7 @@ __all__ = [
     "sketch_world",
     "unique_names",
     "world_labels",
+    "world_names",
     "world_summary",
+    "write_spec",
 ]

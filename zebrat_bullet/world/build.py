@@ -12,7 +12,7 @@ from shapely import affinity
 
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
-from zebrat_bullet.world.elements import LOWEST_WALL_M, PolygonObstacle
+from zebrat_bullet.world.elements import LOWEST_WALL_M, Buttress, PolygonObstacle
 from zebrat_bullet.world.goal import circuit_from, goal_off_ground, lap_gates, point_gate
 from zebrat_bullet.world.meshes import read_mesh
 from zebrat_bullet.world.niches import open_niches
@@ -54,7 +54,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
             solids = wall_solids(free_space, open_line, spec.wall)
         except shapely.GEOSException as error:
             raise WorldError(f"{source}: walls cannot stand there ({error}); move a corner by a centimetre") from error
-    _check_obstacles(spec, source)
+    _check_obstacles(spec, track, source)
     obstacles = [obstacle_solid(item, track) for item in spec.obstacles]
     # What hangs above the height band of the flat scan is meshed, but passes over the car.
     standing = [solid for solid in solids + obstacles if solid.bottom_m < LOWEST_WALL_M]
@@ -277,8 +277,12 @@ def _is_ring(track: Track) -> bool:
     return bool(np.allclose(track.points[0], track.points[-1]))
 
 
-def _check_obstacles(spec: WorldSpec, source: str) -> None:
+def _check_obstacles(spec: WorldSpec, track: Track | None, source: str) -> None:
     for i, item in enumerate(spec.obstacles):
+        if isinstance(item, Buttress) and track is not None and item.at_m > track.length_m:
+            raise WorldError(
+                f"{source}: obstacles[{i}].at_m: {item.at_m} m is past the end at {track.length_m:.2f} m; lower it"
+            )
         if isinstance(item, PolygonObstacle) and not shapely.Polygon(item.polygon).is_valid:
             raise WorldError(f"{source}: obstacles[{i}].polygon: its outline crosses itself; reorder its corners")
 

@@ -3,14 +3,17 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
 import shapely
 
 from zebrat_bullet.errors import ConfigError, WorldError
+from zebrat_bullet.files import shown
 from zebrat_bullet.processes import in_order
-from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.robot import RobotModel, robot_of
+from zebrat_bullet.values import of_kind, whole_number
 from zebrat_bullet.world import families, reversing
 from zebrat_bullet.world.build import build_world
 from zebrat_bullet.world.load import default_robot
@@ -45,6 +48,7 @@ FAMILIES = tuple(_DRAFTS)
 _COURSE_M = dict.fromkeys(FAMILIES, (6.0, 15.0)) | dict.fromkeys(("narrowing", "manoeuvres", "deadends"), (4.0, 15.0))
 _MIXED_DIFFICULTY = 0.6
 _MAX_TRIES = 200
+_MOST_SEED = 2**63 - 1
 # So many seeds go to a process at a time.
 _BATCH = 8
 
@@ -54,7 +58,7 @@ def generate_track(
     *,
     family: str = "mixed",
     difficulty: float | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotModel | str | Path | None = None,
     name: str = "generated",
 ) -> World:
     """Draw tracks of a family until one is valid; the same state of `rng` gives the same track.
@@ -63,18 +67,19 @@ def generate_track(
         rng: all randomness comes from here.
         family: one of `FAMILIES`.
         difficulty: 0 to 1; if None it is drawn, and 0.6 for `mixed` tracks, where it is the share of tight turns.
-        robot: the car that must fit; ZebraT if None.
+        robot: the car that must fit, by name, file or as `load_robot` gives it; ZebraT if None.
         name: of the world.
 
     Raises:
         ConfigError: there is no such family or difficulty.
         WorldError: no valid track in many tries.
     """
-    return _valid_track(rng, family=family, difficulty=difficulty, robot=robot or default_robot(), name=name)[1]
+    of_kind(rng, np.random.Generator, "rng", "give np.random.default_rng(SEED), or take generate_tracks")
+    return _valid_track(rng, family=family, difficulty=difficulty, robot=_robot(robot), name=name)[1]
 
 
 def generate_spec(
-    seed: int, *, family: str = "mixed", difficulty: float | None = None, robot: RobotModel | None = None
+    seed: int, *, family: str = "mixed", difficulty: float | None = None, robot: RobotModel | str | Path | None = None
 ) -> WorldSpec:
     """Return the world file of a seed's track: loaded, it is the world that `generate_tracks` makes.
 
@@ -82,8 +87,8 @@ def generate_spec(
         ConfigError: there is no such family or difficulty.
         WorldError: no valid track in many tries.
     """
-    rng, name = np.random.default_rng(seed), _name(seed, family)
-    return _valid_track(rng, family=family, difficulty=difficulty, robot=robot or default_robot(), name=name)[0]
+    rng, name = _rng(seed), _name(seed, family)
+    return _valid_track(rng, family=family, difficulty=difficulty, robot=_robot(robot), name=name)[0]
 
 
 def generate_tracks(
@@ -92,7 +97,7 @@ def generate_tracks(
     family: str | Sequence[str] = "mixed",
     difficulty: float | None = None,
     workers: int = 1,
-    robot: RobotModel | None = None,
+    robot: RobotModel | str | Path | None = None,
 ) -> Iterator[World]:
     """Draw one track for each seed, in the order of the seeds, which may go on for ever.
 
@@ -106,13 +111,17 @@ def generate_tracks(
         workers: as for `in_order`.
 
     Raises:
-        ConfigError: fewer than one worker, no such family or difficulty.
+        ConfigError: fewer than one worker, no such family, difficulty or robot; or when it is its turn, no such seed.
         WorldError: when it is the turn of a seed that has no valid track.
     """
     families = (family,) if isinstance(family, str) else tuple(family)
+    if not families:
+        raise ConfigError(f"family is empty; name at least one of {', '.join(FAMILIES)}")
+    if not isinstance(seeds, Iterable):
+        raise ConfigError(f"seeds must be a range or a list, got {shown(repr(seeds))}; give [{shown(repr(seeds))}]")
     for each in families:
         check_family(each, difficulty)
-    track = partial(_track_of, families=families, difficulty=difficulty, robot=robot or default_robot())
+    track = partial(_track_of, families=families, difficulty=difficulty, robot=_robot(robot))
     return in_order(track, seeds, workers, _BATCH)
 
 
@@ -122,7 +131,7 @@ def difficulty_of(seed: int, family: str = "mixed") -> float:
     Raises:
         ConfigError: there is no such family.
     """
-    return _difficulty(np.random.default_rng(seed), family, None)
+    return _difficulty(_rng(seed), family, None)
 
 
 def check_family(family: str, difficulty: float | None) -> None:
@@ -132,9 +141,11 @@ def check_family(family: str, difficulty: float | None) -> None:
         ConfigError: says what there is.
     """
     if family not in FAMILIES:
-        raise ConfigError(f"no family of tracks {family!r}: name one of {', '.join(FAMILIES)}")
-    if difficulty is not None and not 0.0 <= difficulty <= 1.0:
-        raise ConfigError(f"difficulty must be 0 (easy) to 1 (hard), got {difficulty}; leave it out to draw it")
+        raise ConfigError(f"no family of tracks {shown(repr(family))}: name one of {', '.join(FAMILIES)}")
+    if difficulty is not None and not (isinstance(difficulty, Real) and 0.0 <= difficulty <= 1.0):
+        raise ConfigError(
+            f"difficulty must be 0 (easy) to 1 (hard), got {shown(repr(difficulty))}; leave it out to draw it"
+        )
 
 
 def _difficulty(rng: np.random.Generator, family: str, asked: float | None) -> float:
@@ -146,15 +157,22 @@ def _difficulty(rng: np.random.Generator, family: str, asked: float | None) -> f
     return drawn if asked is None else asked
 
 
+def _rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(whole_number(seed, "a seed", 0, _MOST_SEED))
+
+
+def _robot(robot: RobotModel | str | Path | None) -> RobotModel:
+    return default_robot() if robot is None else robot_of(robot)
+
+
 def _name(seed: int, family: str) -> str:
     return f"{'generated' if family == 'mixed' else family}-{seed}"
 
 
 def _track_of(seed: int, *, families: Sequence[str], difficulty: float | None, robot: RobotModel) -> World:
+    rng = _rng(seed)
     family = families[seed % len(families)]
-    return generate_track(
-        np.random.default_rng(seed), family=family, difficulty=difficulty, robot=robot, name=_name(seed, family)
-    )
+    return generate_track(rng, family=family, difficulty=difficulty, robot=robot, name=_name(seed, family))
 
 
 def _valid_track(

@@ -1,7 +1,6 @@
 """One door to every world: shipped by name, a user's world file, mesh or ROS map by path."""
 
 import re
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,10 +12,11 @@ import shapely.errors
 from zebrat_bullet.assets import asset_folder, find_asset
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.files import shown
-from zebrat_bullet.notes import Note
-from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.notes import Note, say
+from zebrat_bullet.robot import RobotModel, load_robot, robot_of
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.build import build_world, goal_gate
+from zebrat_bullet.world.in_memory import check_in_memory
 from zebrat_bullet.world.meshes import MESH_SUFFIXES, refuse_other
 from zebrat_bullet.world.reference import WorldReference, parse_reference
 from zebrat_bullet.world.ros_map import IMAGE_SUFFIXES, refuse_image
@@ -35,7 +35,7 @@ def load_world(
     start: Pose2 | Sequence[float] | None = None,
     goal: Pose2 | Sequence[float] | None = None,
     exit: Sequence[Sequence[float]] | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotModel | str | Path | None = None,
 ) -> World:
     """Load and check a world.
 
@@ -47,7 +47,7 @@ def load_world(
             and map: the origin if None.
         goal: the only waypoint, instead of the file's: x, y in m. To reach it is success where no open-space line is.
         exit: both ends of the open-space line, instead of the file's, of a mesh or map.
-        robot: the car that must fit; ZebraT if None.
+        robot: the car that must fit, by name, file or as `load_robot` gives it; ZebraT if None.
 
     Raises:
         AssetError: no such world or file.
@@ -57,14 +57,21 @@ def load_world(
     path = find_asset("worlds", reference.name, ".yaml")
     spec = _varied(_spec(path), reference, str(path))
     world = _built(spec, path)
-    robot = robot or default_robot()
+    robot = default_robot() if robot is None else robot_of(robot)
     if spec.goal is not None or spec.waypoints is not None:
         world = _without_blind_line(world, spec, robot)
+    if reference.goal is not None and world.open_line is not None:
+        said = (
+            f"its exit decides, so reaching the goal ({reference.goal[0]:g}, {reference.goal[1]:g}) ends nothing: "
+            "planners drive to it, and success is to leave by the open-space line"
+        )
+        world = replace(world, notes=(*world.notes, said))
     for said in world.notes:  # also where it is refused next: it may be why
-        warnings.warn(f"{path}: {said}", WorldNote, stacklevel=2)
+        say(f"{path}: {said}", WorldNote)
     check_closed(world, str(path))
+    world = replace(world, source=str(replace(reference, name=_source(path))))
     validate_world(world, robot, str(path))
-    return replace(world, source=str(replace(reference, name=_source(path))))
+    return world
 
 
 def load_worlds(
@@ -73,9 +80,9 @@ def load_worlds(
     start: Pose2 | Sequence[float] | None = None,
     goal: Pose2 | Sequence[float] | None = None,
     exit: Sequence[Sequence[float]] | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotModel | str | Path | None = None,
 ) -> list[World]:
-    """Return one world or several, those that are named loaded with the car that must fit.
+    """Return one world or several, those that are named loaded, all checked with the car that must fit.
 
     Start, goal and exit go with one named world; of a world that nobody can win a warning says so.
 
@@ -91,16 +98,19 @@ def load_worlds(
     placed = start is not None or goal is not None or exit is not None
     if placed and (len(named) > 1 or isinstance(named[0], World)):
         raise ConfigError("start, goal and exit go with one world by name or path; name them in each world's file")
+    robot = default_robot() if robot is None else robot_of(robot)
     loaded = [
         each if isinstance(each, World) else load_world(each, start=start, goal=goal, exit=exit, robot=robot)
         for each in named
     ]
     for world in loaded:
+        if world.valid_for is None:
+            check_in_memory(world, world.name)
+        validate_world(world, robot, world.name)
         if not world.can_be_won:
-            warnings.warn(
+            say(
                 f"world {world.name!r} has neither exit nor goal, so no episode in it can succeed; name a goal",
                 WorldNote,
-                stacklevel=2,
             )
     return loaded
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from zebrat_bullet.errors import WorldError
+from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.elements import MOST_COORDINATE_M
@@ -142,6 +142,20 @@ def _checked(key: str, values: Sequence[object]) -> tuple[float, ...]:
         got = shown(",".join(map(str, values)))
         raise WorldError(f"{key}: takes {shape}, numbers within {MOST_COORDINATE_M:g} of 0, got {got}; correct it")
     return numbers
+
+
+def world_names(worlds: Sequence[str | Path]) -> tuple[str, ...]:
+    """Return references to worlds as texts, which other processes and the files of a run can say again.
+
+    Raises:
+        ConfigError: they are no list of names or paths.
+    """
+    if not isinstance(worlds, list | tuple) or not all(isinstance(world, str | Path) for world in worlds):
+        raise ConfigError(
+            f"worlds must be names or files of worlds, in a list, got {shown(repr(worlds), 60)}; a generated track is "
+            "saved as a file by write_spec(generate_spec(SEED), FOLDER) of zebrat_bullet.world"
+        )
+    return tuple(map(str, worlds))
 
 
 def anywhere(world: str) -> str:

@@ -116,7 +116,9 @@ def deadends(rng: np.random.Generator, difficulty: float, car_width_m: float) ->
             begin = [Straight(straight=cm(rng.uniform(2.4, 2.8)), width=room), Straight(straight=1.5, width=width)]
         # The wider, the longer: from its corner a car must not look out and back into the corridor at once.
         end = Straight(straight=cm(rng.uniform(0.8, 1.4) + 2.0 * (width - 1.2)), width=width)
-        start = _START.model_copy(update={"pose": pose})
+        start = StartSpec(
+            pose=pose, range_x_m=_START.range_x_m, range_y_m=_START.range_y_m, range_yaw_rad=_START.range_yaw_rad
+        )
         yield Draft([*begin, *_bend(rng, one_of_sides(rng), width), end], niches=niches, start=start)
 
 

@@ -106,6 +106,8 @@ class WorldSpec(Strict):
             length = sum(s.straight if isinstance(s, Straight) else abs(s.turn) / 57 * s.radius for s in self.segments)
             if length > _LONGEST_COURSE_M:
                 raise ValueError(f"segments are {length:.0f} m long, more than {_LONGEST_COURSE_M:.0f} m: shorten them")
+            if self.start.pose is not None and "at_m" in self.start.model_fields_set:
+                raise ValueError("start: pose and at_m both say where the car begins: remove one")
             return self
         if self.start.pose is None:
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
@@ -165,7 +167,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def write_spec(spec: WorldSpec, folder: Path) -> Path:
-    """Write a world file as `folder`/NAME.yaml, what is as by default left out, and return its path."""
+    """Write a world file as `folder`/NAME.yaml, what is as by default left out, and return its path.
+
+    Loaded, it is the world that `generate_tracks` makes of the seed of `generate_spec`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{spec.name}.yaml"
     data = spec.model_dump(mode="json", exclude_defaults=True)

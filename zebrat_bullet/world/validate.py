@@ -34,7 +34,7 @@ _ROUND_WALLS_M = 3.0
 
 
 def validate_world(world: World, robot: RobotModel, source: str) -> None:
-    """Check that the robot can start in a world, pass through it, and know when it is out.
+    """Check that the robot can start in a world, pass through it, and know when it is out: once for the same robot.
 
     Args:
         world: what was built.
@@ -44,6 +44,10 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     Raises:
         WorldError: names the file, the field and the remedy.
     """
+    outline, lidar = robot.footprint_base.tobytes(), robot.lidar_xyz_base.tobytes()
+    measures = (outline, lidar, robot.body_bottom_m, robot.body_top_m)
+    if world.valid_for == measures:
+        return
     if len(world.centre_line):
         _check_width(world, robot, source)
     _check_start(world, robot, source)
@@ -54,6 +58,8 @@ def validate_world(world: World, robot: RobotModel, source: str) -> None:
     if len(world.centre_line) and world.open_line is not None:
         _check_open_space(world, world.open_line, robot, source)
     check_clearance(world, robot, source)
+    # A mark on what is frozen: it says nothing of the place, but that all this need not be done again.
+    object.__setattr__(world, "valid_for", measures)
 
 
 def check_closed(world: World, source: str) -> None:

@@ -55,6 +55,8 @@ class World:
             line decides, or nothing does.
         unknown_ground: what nobody has mapped of a map: no wall, but no car begins there.
         notes: what was taken to be meant where its file leaves it open.
+        valid_for: the measures of the car that it was last checked with (`validate.validate_world`); None for a world
+            that nobody has checked, as one is again of which something was replaced.
     """
 
     name: str
@@ -76,6 +78,7 @@ class World:
     gates: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2, 2)))
     unknown_ground: shapely.MultiPolygon = field(default_factory=shapely.MultiPolygon)
     notes: tuple[str, ...] = ()
+    valid_for: object = field(default=None, init=False, repr=False, compare=False)
 
     @property
     def can_be_won(self) -> bool:
