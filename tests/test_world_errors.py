@@ -9,7 +9,7 @@ from PIL import Image
 from zebrat_bullet.errors import AssetError, WorldError
 from zebrat_bullet.report.sketch import draw_sketches
 from zebrat_bullet.robot import load_robot
-from zebrat_bullet.world import load_world, sketch_world
+from zebrat_bullet.world import WorldNote, load_world, sketch_world
 
 HEAD = "name: bad\n"
 GOOD = HEAD + "segments:\n  - {straight: 4.0, width: 1.5}\n"
@@ -39,11 +39,6 @@ CASES = {
     "a free space that crosses itself": (HEAD + BOW_TIE, "free_space[0]", "reorder"),
     "a start in a wall": (GOOD + "start: {at_m: 0.4}\n", "start:", "move the start"),
     "a start range that reaches a wall": (GOOD + "start: {range_y_m: 0.5}\n", "start:", "smaller"),
-    "a start that is said twice": (
-        GOOD + "start: {pose: [1.5, 0, 0], at_m: 2}\n",
-        "start: pose and at_m",
-        "remove one",
-    ),
     "a buttress past the end": (
         GOOD + "obstacles:\n  - {buttress: left, at_m: 50, length: 0.3, depth: 0.2}\n",
         "obstacles[0].at_m: 50.0 m is past the end at 4.00 m",
@@ -143,3 +138,9 @@ def test_a_sketch_shows_where_the_car_would_be_free_only_if_it_is_not_where_it_s
     picture = np.asarray(Image.open(tmp_path / "own.png").convert("RGB")).reshape(-1, 3)
     violet = (np.abs(picture.astype(int) - (0x7A, 0x4F, 0xD0)) < 3).all(axis=1)
     assert violet.any() != is_free
+
+
+def test_a_start_that_is_said_twice_is_noted_and_its_pose_taken(tmp_path):
+    (tmp_path / "w.yaml").write_text(GOOD + "start: {pose: [1.5, 0, 0], at_m: 2}\n", encoding="utf-8")
+    with pytest.warns(WorldNote, match="start: pose says where the car begins, so at_m says nothing"):
+        assert load_world(tmp_path / "w.yaml").start.pose.x == 1.5

@@ -83,7 +83,7 @@ def build_world(spec: WorldSpec, path: Path) -> World:
         difficulty=spec.difficulty,
         gates=gates,
         unknown_ground=place.unknown if place is not None else shapely.MultiPolygon(),
-        notes=(*place.notes, *goal_off_ground(gates, place.ground)) if place is not None else (),
+        notes=(*place.notes, *goal_off_ground(gates, place.ground)) if place is not None else _said_twice(spec.start),
     )
 
 
@@ -231,6 +231,11 @@ def _start_distance(start: StartSpec, track: Track | None, source: str) -> float
     if start.at_m >= track.length_m:
         raise WorldError(f"{source}: start.at_m: {start.at_m} m is past the end at {track.length_m:.2f} m; lower it")
     return start.at_m
+
+
+def _said_twice(start: StartSpec) -> tuple[str, ...]:
+    twice = start.pose is not None and "at_m" in start.model_fields_set
+    return ("start: pose says where the car begins, so at_m says nothing; remove one",) if twice else ()
 
 
 def _start(start: StartSpec, track: Track | None) -> Start:

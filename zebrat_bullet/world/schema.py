@@ -106,8 +106,6 @@ class WorldSpec(Strict):
             length = sum(s.straight if isinstance(s, Straight) else abs(s.turn) / 57 * s.radius for s in self.segments)
             if length > _LONGEST_COURSE_M:
                 raise ValueError(f"segments are {length:.0f} m long, more than {_LONGEST_COURSE_M:.0f} m: shorten them")
-            if self.start.pose is not None and "at_m" in self.start.model_fields_set:
-                raise ValueError("start: pose and at_m both say where the car begins: remove one")
             return self
         if self.start.pose is None:
             raise ValueError("start.pose [x, y, yaw_deg] is needed where there are no `segments`")
