@@ -294,7 +294,9 @@ def test_drives_of_a_car_world_or_policy_whose_file_has_changed_since_are_refuse
     car, world, driver = tmp_path / "car.urdf", tmp_path / "u.yaml", tmp_path / "mine.py"
     car.write_text(OwnCar().urdf(), encoding="utf-8")
     world.write_text("{name: u, segments: [{straight: 4, width: 1.2}]}", encoding="utf-8")
-    driver.write_text("from zebrat_bullet.agents.agent import RandomAgent\ndef mine(task): return RandomAgent(0.6, 0.5)")
+    driver.write_text(
+        "from zebrat_bullet.agents.agent import RandomAgent\ndef mine(task): return RandomAgent(0.6, 0.5)"
+    )
     what = Study(
         worlds=(str(world),), drivers=("policy",), walls=("solid",), n_events=1, policy=f"{driver}:mine",
         task=TaskConfig(robot=str(car)),
@@ -302,7 +304,11 @@ def test_drives_of_a_car_world_or_policy_whose_file_has_changed_since_are_refuse
     out = tmp_path / "out"
     traces = study.drive(what, out, 1, lambda *at: None)
     assert study.drive(what, out, 1, lambda *at: None) == traces
-    for file, was, now in ((car, 'xyz="0.1 0 0.25"', 'xyz="0.1 0 0.26"'), (world, "1.2", "1.3"), (driver, "0.5", "0.4")):
+    for file, was, now in (
+        (car, 'xyz="0.1 0 0.25"', 'xyz="0.1 0 0.26"'),
+        (world, "1.2", "1.3"),
+        (driver, "0.5", "0.4"),
+    ):
         text = file.read_text(encoding="utf-8")
         assert was in text
         file.write_text(text.replace(was, now, 1), encoding="utf-8")

@@ -115,6 +115,28 @@ def test_what_has_changed_of_the_car_since_the_training_is_noted(tmp_path: Path)
         load_agent(policy, task)
 
 
+def test_a_study_of_an_agent_drives_the_car_of_its_training_and_says_so(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    policy = str(policy_of(fitted(replace(TaskConfig(), robot=str(mine))), tmp_path / "own.safetensors"))
+    options = ["--agent", policy, "--axes", "mass=1.3", "--worlds", "track_2", "--episodes", "1", "--workers", "1"]
+    assert main(["robustness", *options, "--caster", "embree", "--out", str(tmp_path / "out")]) == 0
+    assert f"the car is that which {policy} was trained on: {mine}" in capfd.readouterr().err
+    assert json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))["task"]["robot"] == str(mine)
+
+
+@pytest.mark.parametrize("command", ["robustness", "width", "families"])
+def test_a_study_of_agents_of_several_cars_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    policy = str(policy_of(fitted(replace(TaskConfig(), robot=str(mine))), tmp_path / "own.safetensors"))
+    assert main([command, "--agent", "shipped", policy, "il", "--out", str(tmp_path / "out")]) == 2
+    assert f"trained on several cars, shipped on zebrat, {policy} on {mine}; measure one" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_networks_of_another_car_are_refused_in_our_words(tmp_path: Path) -> None:
     import gymnasium
     from stable_baselines3 import PPO
