@@ -6,7 +6,7 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from zebrat_bullet.agents import Agent, load_agent
+from zebrat_bullet.agents import Agent, PolicyNote, load_agent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.metrics import Score, score
@@ -125,7 +125,8 @@ def record_path(folder: Path, world: str, episode: int, worlds: Sequence[str] = 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
     records = []
-    warnings.simplefilter("ignore", WorldNote)  # said once, before the work was spread
+    for said_before in (WorldNote, PolicyNote):  # once, before the work was spread
+        warnings.simplefilter("ignore", said_before)
     place = load_world(world, robot=load_robot(what.task.robot))
     how = (what.action_noise, what.supervised_m)
     for record in drive_episodes(what.agent, what.task, place, what.seed, episodes, *how):
