@@ -235,7 +235,7 @@ def test_a_run_whose_world_or_car_was_edited_is_not_resumed(tmp_path):
     with pytest.raises(ConfigError, match=rf"cannot be resumed: robot {car} changed.*--set init={run / 'best.zip'}$"):
         resume(run)
     (run / "best.zip").unlink()  # there is none before the first evaluation
-    with pytest.raises(ConfigError, match="put it back as it was, or begin a new run$"):
+    with pytest.raises(ConfigError, match=r"put it back as it was, or begin a new run$"):
         resume(run)
 
 

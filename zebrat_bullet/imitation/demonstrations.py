@@ -126,7 +126,7 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
     learn. With an expert's labels every episode counts, the failed ones most.
 
     Raises:
-        ConfigError: there is nothing to imitate, or the episodes differ in the car, or in what was observed or commanded.
+        ConfigError: there is nothing to imitate, or the episodes differ in car, observation or command.
         ZebratError: a file is not an episode record, or its labels do not fit it.
     """
     if not folder.exists():
