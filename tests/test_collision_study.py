@@ -3,6 +3,7 @@
 import csv
 import json
 import time
+import warnings
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -184,6 +185,13 @@ def tally(in_time: list[int], lead: float = -0.1, false_alarms: int = 0) -> Tall
         overlap_sweeps=np.full(len(seen), 3),
         overlap_reports=3 * seen,
     )
+
+
+def test_an_interval_that_few_contacts_do_not_give_is_nan_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        difference, *interval = relative_difference(tally([1, 1]), tally([1, 0]), "in_time")
+    assert difference == 1.0 and np.isnan(interval).all()
 
 
 def test_summaries_differences_and_the_recommended_margin_are_worked_out_by_hand():
