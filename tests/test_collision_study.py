@@ -1,13 +1,16 @@
 """The study of representations: its truth, its counts worked out by hand, and what survives a crash."""
 
 import csv
+import json
 import time
+import warnings
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 import shapely
 from boxes import box_world
+from own_cars import OwnCar
 
 from zebrat_bullet.config import LidarConfig, NoiseConfig, TaskConfig
 from zebrat_bullet.detection import scoring, study, traces
@@ -184,6 +187,13 @@ def tally(in_time: list[int], lead: float = -0.1, false_alarms: int = 0) -> Tall
     )
 
 
+def test_an_interval_that_few_contacts_do_not_give_is_nan_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        difference, *interval = relative_difference(tally([1, 1]), tally([1, 0]), "in_time")
+    assert difference == 1.0 and np.isnan(interval).all()
+
+
 def test_summaries_differences_and_the_recommended_margin_are_worked_out_by_hand():
     at = summarise(tally([1, 1, 1, 0], false_alarms=1))
     assert (at.contacts, at.in_time, at.recall, at.precision, at.clear_minutes) == (4, 3, 0.75, 0.75, 2.0)
@@ -278,14 +288,46 @@ def test_bad_cases_are_refused_before_anything_is_driven(tmp_path, asked, said):
 
 
 def test_a_folder_without_drives_is_free_for_another_study_and_one_with_drives_is_not(tmp_path):
-    study._claim(tmp_path, SMALL)
+    study._claim(tmp_path, SMALL, {})
     other = replace(SMALL, seed=2)
-    study._claim(tmp_path, other)
+    study._claim(tmp_path, other, {})
     (tmp_path / "traces" / "solid-track_2-random-smooth-000.npz").touch()
-    study._claim(tmp_path, replace(other, n_events=7, walls=("solid",)))
+    study._claim(tmp_path, replace(other, n_events=7, walls=("solid",)), {})
     (tmp_path / "study.json").write_text("{", encoding="utf-8")
     with pytest.raises(ConfigError, match="readable as JSON"):
-        study._claim(tmp_path, other)
+        study._claim(tmp_path, other, {})
+
+
+def test_drives_of_a_car_world_or_policy_whose_file_has_changed_since_are_refused(tmp_path):
+    car, world, driver = tmp_path / "car.urdf", tmp_path / "u.yaml", tmp_path / "mine.py"
+    car.write_text(OwnCar().urdf(), encoding="utf-8")
+    world.write_text("{name: u, segments: [{straight: 4, width: 1.2}]}", encoding="utf-8")
+    driver.write_text(
+        "from zebrat_bullet.agents.agent import RandomAgent\ndef mine(task): return RandomAgent(0.6, 0.5)"
+    )
+    what = Study(
+        worlds=(str(world),), drivers=("policy",), walls=("solid",), n_events=1, policy=f"{driver}:mine",
+        task=TaskConfig(robot=str(car)),
+    )  # fmt: skip
+    out = tmp_path / "out"
+    traces = study.drive(what, out, 1, lambda *at: None)
+    assert study.drive(what, out, 1, lambda *at: None) == traces
+    for file, was, now in (
+        (car, 'xyz="0.1 0 0.25"', 'xyz="0.1 0 0.26"'),
+        (world, "1.2", "1.3"),
+        (driver, "0.5", "0.4"),
+    ):
+        text = file.read_text(encoding="utf-8")
+        assert was in text
+        file.write_text(text.replace(was, now, 1), encoding="utf-8")
+        with pytest.raises(ConfigError, match="before the file of the car, a world or the policy changed"):
+            study.drive(what, out, 1, lambda *at: None)
+        file.write_text(text, encoding="utf-8")
+    kept = json.loads((out / "study.json").read_text(encoding="utf-8"))
+    older = {key: value for key, value in kept.items() if key != "files"}
+    (out / "study.json").write_text(json.dumps(older), encoding="utf-8")  # as earlier versions wrote it
+    assert study.drive(what, out, 1, lambda *at: None) == traces
+    assert json.loads((out / "study.json").read_text(encoding="utf-8")) == kept
 
 
 def test_after_an_error_the_jobs_that_have_not_begun_are_dropped():

@@ -118,6 +118,22 @@ def test_the_judge_writes_every_record_and_workers_do_not_change_the_result(tmp_
     assert all(record_path(tmp_path, world, k).is_file() for world in one for k in range(6))
 
 
+def test_records_of_an_earlier_judgement_are_not_left_beside_the_scores(tmp_path):
+    what = Judgement(agent="random", worlds=("track_1",), episodes=2, workers=1, records=tmp_path, task=EMBREE)
+    judge(what)
+    kept = [tmp_path / "track_1" / name for name in ("mine.npz", "episode_0001.csv", "episode_best.npz")]
+    kept.append(record_path(tmp_path, "track_2", 1))  # of a world that is not judged now
+    for path in kept:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    with pytest.raises(AssetError):
+        judge(replace(what, agent="nobody", episodes=1))
+    assert record_path(tmp_path, "track_1", 1).is_file()
+    judge(replace(what, episodes=1))
+    assert record_path(tmp_path, "track_1", 0).is_file() and not record_path(tmp_path, "track_1", 1).exists()
+    assert all(path.is_file() for path in kept)
+
+
 def test_a_missing_agent_or_world_is_named_before_anything_is_driven(tmp_path):
     what = Judgement(agent="nobody", worlds=("track_1",), episodes=1, task=EMBREE)
     with pytest.raises(AssetError, match="no agent 'nobody': name one of random"):

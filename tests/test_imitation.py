@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from zebrat_bullet.agents import code_or_weights, load_agent
+from zebrat_bullet.agents import code_or_weights, load_agent, trained_task
 from zebrat_bullet.agents.human import HumanLikeAgent, HumanNoise
+from zebrat_bullet.assets import find_asset
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, LidarConfig, PhysicsConfig, TaskConfig
+from zebrat_bullet.config_text import from_json, to_json
 from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
 from zebrat_bullet.evaluation.records import load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
@@ -284,6 +286,21 @@ def test_a_policy_demonstrates_in_the_task_that_it_was_trained_on(tmp_path, capf
     assert main(["demonstrate", "--agent", "allround", *options]) == 0
     assert "allround drives in the task that it was trained on: task.region.resolution_m=0.03" in capfd.readouterr().err
     assert load_demonstrations(tmp_path / "out")[0].task.region.resolution_m == 0.03
+
+
+def test_a_clone_knows_the_car_of_its_demonstrations_which_are_of_one(demonstrations, tmp_path):
+    mine = str(shutil.copy(find_asset("urdf", "zebrat", ".urdf"), tmp_path / "mine.urdf"))
+    theirs, ours = sorted(demonstrations.rglob("*.npz"))[:2], tmp_path / "ours"
+    for path in theirs:
+        record = load_record(path)
+        task = replace(from_json(TaskConfig, record.task), robot=mine)
+        save_record(replace(record, task=to_json(task)), ours / path.name)
+    imitate(ImitationConfig(demonstrations=str(ours), eval_episodes=1, clone=SMALL), tmp_path / "run")
+    trained = trained_task(str(tmp_path / "run"))
+    assert trained is not None and trained.robot == mine
+    shutil.copy(theirs[0], ours / "theirs.npz")
+    with pytest.raises(ConfigError, match=f"of several cars, {mine}, zebrat; keep those of one"):
+        load_demonstrations(ours)
 
 
 def test_settings_that_cannot_work_are_refused_before_anything_is_driven(demonstrations, tmp_path):

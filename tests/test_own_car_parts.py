@@ -103,6 +103,16 @@ def test_a_collada_file_is_read_in_its_unit_and_painted_so(tmp_path: Path, tag: 
     assert np.ptp(bounds[:, :2]) == pytest.approx(0.45, abs=1e-4)
 
 
+def test_a_body_drawn_in_mm_is_refused_for_its_length_with_the_scale_that_mends_it(tmp_path: Path) -> None:
+    trimesh.creation.box((450, 300, 120)).export(tmp_path / "body.stl")
+    mesh = '<collision><origin xyz="0 0 0.12"/><geometry><mesh filename="body.stl"{}/></geometry></collision>'
+    with pytest.raises(
+        RobotError, match=r"body is 450 m long with the axles 0\.32 m apart.*scale=\"0\.001 0\.001 0\.001\""
+    ):
+        load_robot(OwnCar(collision=mesh.format("")).write(tmp_path))
+    load_robot(OwnCar(collision=mesh.format(' scale="0.001 0.001 0.001"')).write(tmp_path))
+
+
 def limits(lower: float, upper: float) -> str:
     return f'<limit lower="{lower}" upper="{upper}" effort="5" velocity="6"/>'
 

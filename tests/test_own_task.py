@@ -11,9 +11,11 @@ from own_cars import ROS_JOINTS, OwnCar
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.agents.policy import PolicyAgent, load_policy, save_policy
+from zebrat_bullet.assets import asset_folder
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import LidarConfig, PhysicsConfig, SafetyRegionConfig, TaskConfig
 from zebrat_bullet.config_text import from_json, to_json
+from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.evaluation.records import load_record
 from zebrat_bullet.notes import Note
@@ -115,11 +117,53 @@ def test_what_has_changed_of_the_car_since_the_training_is_noted(tmp_path: Path)
         load_agent(policy, task)
 
 
+@pytest.mark.parametrize("agent", ["shipped", "il"])  # il does not say its car
+def test_that_another_car_has_other_limits_than_that_of_the_training_is_noted_once(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], agent: str
+) -> None:
+    text = (asset_folder("urdf") / "zebrat.urdf").read_text(encoding="utf-8")
+    assert 'upper="0.85"' in text
+    stiff = tmp_path / "stiff.urdf"
+    stiff.write_text(text.replace('"-0.85"', '"-0.3"').replace('"0.85"', '"0.3"'), encoding="utf-8")
+    said = f"policy '{agent}' observes something else than this car: max_steering_rad 0.6 for 0.2"
+    with pytest.warns(Note, match=said):
+        judged_task(["--agent", agent, "--robot", str(stiff)], tmp_path / "a")
+    assert said not in capfd.readouterr().err, "a worker says it again"
+
+
+def test_a_policy_that_its_own_car_alone_can_drive_says_which(tmp_path: Path) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    policy = str(policy_of(fitted(replace(TaskConfig(), robot=str(mine))), tmp_path / "own.safetensors"))
+    with pytest.raises(PolicyError, match=f"let it drive its own car, --robot {mine}, or train one for this: zebrat"):
+        load_agent(policy, TaskConfig())
+
+
+def test_a_study_of_an_agent_drives_the_car_of_its_training_and_says_so(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    policy = str(policy_of(fitted(replace(TaskConfig(), robot=str(mine))), tmp_path / "own.safetensors"))
+    options = ["--agent", policy, "--axes", "mass=1.3", "--worlds", "track_2", "--episodes", "1", "--workers", "1"]
+    assert main(["robustness", *options, "--caster", "embree", "--out", str(tmp_path / "out")]) == 0
+    assert f"the car is that which {policy} was trained on: {mine}" in capfd.readouterr().err
+    assert json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))["task"]["robot"] == str(mine)
+
+
+@pytest.mark.parametrize("command", ["robustness", "width", "families"])
+def test_a_study_of_agents_of_several_cars_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    mine = OwnCar().write(tmp_path, "mine.urdf")
+    policy = str(policy_of(fitted(replace(TaskConfig(), robot=str(mine))), tmp_path / "own.safetensors"))
+    assert main([command, "--agent", "shipped", policy, "il", "--out", str(tmp_path / "out")]) == 2
+    assert f"trained on several cars, shipped on zebrat, {policy} on {mine}; measure one" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_networks_of_another_car_are_refused_in_our_words(tmp_path: Path) -> None:
     import gymnasium
     from stable_baselines3 import PPO
 
-    from zebrat_bullet.errors import ConfigError
     from zebrat_bullet.training.tensors import begin_with
 
     class Car(gymnasium.Env):

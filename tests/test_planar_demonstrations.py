@@ -194,7 +194,7 @@ def test_tracks_that_choose_or_judge_are_not_demonstrated_on(tmp_path):
         (["--sim", "planar"], "give it, or leave --sim out"),
         (["--sim", "bullet", "--generated", "2"], "planar cars drive generated tracks, got --sim bullet"),
         (["--generated", "2", "--pairs", "100", "--compact"], "--pairs, --compact goes with --worlds"),
-        (["--generated", "2", "--agent", "shipped"], "'shipped' is another"),
+        (["--generated", "2", "--agent", "shipped", "--robot", "long"], "'shipped' is another"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, said, tmp_path, capsys):
@@ -205,7 +205,7 @@ def test_options_that_do_not_go_together_are_refused(options, said, tmp_path, ca
 def test_the_command_says_how_all_episodes_ended(tmp_path, capfd):
     out = tmp_path / "out"
     options = ["--generated", "2", "--families", "corridors", "--episodes", "2", "--workers", "1", "--quiet"]
-    assert main(["demonstrate", "--agent", "oracle", "--out", str(out), *options]) == 0
+    assert main(["demonstrate", "--out", str(out), *options]) == 0
     pairs = sum(len(each.labels) for each in load_demonstrations(out))
     assert f"{pairs} pairs on 2 tracks (4 success): {out}" in capfd.readouterr().out
 

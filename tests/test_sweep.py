@@ -12,7 +12,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from own_cars import OwnCar
 
+from zebrat_bullet.assets import find_asset
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config_text import to_json
 from zebrat_bullet.errors import AssetError, ConfigError
@@ -167,6 +169,25 @@ def test_a_run_trained_with_other_settings_is_not_taken_for_one_of_the_sweep(tmp
     (run / "config.json").write_text(to_json(TrainConfig(episodes=7)), encoding="utf-8")
     with pytest.raises(ConfigError, match=r"trained with other settings \(episodes\)"):
         open_sweep(Sweep(), tmp_path)
+
+
+def test_a_sweep_does_not_go_on_with_a_car_or_world_that_was_edited_since_its_first_runs(tmp_path):
+    car, world = tmp_path / "mine.urdf", tmp_path / "mine.yaml"
+    car.write_text(OwnCar().urdf(), encoding="utf-8")
+    shutil.copy(find_asset("worlds", "track_2", ".yaml"), world)
+    given = {"robot": str(car), "worlds": (str(world),), "set": ("episodes=1", *TINY[1:])}
+    ((run, config),) = open_sweep(Sweep(**given), tmp_path / "sweep").items()
+    assert perform(config, run) is Outcome.DONE
+    grown = Sweep(**given, seeds=(0, 1))
+    assert len(open_sweep(grown, tmp_path / "sweep")) == 2
+    text = world.read_text(encoding="utf-8")
+    world.write_text(text.replace("{straight: 3.2, width: 1.35}", "{straight: 3.3, width: 1.35}"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"was trained before world {world} changed; put it back as it was, or name"):
+        open_sweep(grown, tmp_path / "sweep")
+    world.write_text(text, encoding="utf-8")
+    car.write_text(OwnCar(half_base=0.17).urdf(), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"was trained before robot {car} changed"):
+        open_sweep(grown, tmp_path / "sweep")
 
 
 @pytest.mark.parametrize(

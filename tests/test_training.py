@@ -232,7 +232,10 @@ def test_a_run_whose_world_or_car_was_edited_is_not_resumed(tmp_path):
         resume(run)
     world.write_text(text + "# a remark changes nothing\n", encoding="utf-8")
     car.write_text(OwnCar(half_base=0.17).urdf(), encoding="utf-8")
-    with pytest.raises(ConfigError, match=rf"cannot be resumed: robot {car} changed"):
+    with pytest.raises(ConfigError, match=rf"cannot be resumed: robot {car} changed.*--set init={run / 'best.zip'}$"):
+        resume(run)
+    (run / "best.zip").unlink()  # there is none before the first evaluation
+    with pytest.raises(ConfigError, match=r"put it back as it was, or begin a new run$"):
         resume(run)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from own_cars import OwnCar
 
 from zebrat_bullet.config import LidarConfig, PhysicsConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError, WorldError
@@ -51,6 +52,17 @@ def test_where_there_is_room_the_start_range_is_the_usual_one() -> None:
     wide, narrow = (passage("90", width).start for width in (1.0, 0.8))
     assert (wide.range_y_m, wide.range_yaw_rad) == (0.1, 0.15)
     assert 0.0 < narrow.range_y_m < 0.1 and narrow.range_yaw_rad / narrow.range_y_m == pytest.approx(1.5)
+
+
+def test_a_car_too_long_for_the_passages_is_told_so_and_its_folder_stays_free(tmp_path: Path) -> None:
+    long = '<collision><origin xyz="0 0 0.12"/><geometry><box size="2.2 0.30 0.12"/></geometry></collision>'
+    task = replace(TASK, robot=str(OwnCar(collision=long).write(tmp_path)))
+    study = replace(STUDY, agents=("random",), task=task)
+    with pytest.raises(ConfigError, match=r"own\.urdf, 2\.20 m long, is too long to begin in the passages"):
+        run_study(study, tmp_path / "out")
+    with pytest.raises(WorldError, match="make it wider than"):
+        run_study(replace(study, widths_m=(0.3, 0.9)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_passage_narrower_than_the_car_or_of_no_known_shape_is_refused() -> None:

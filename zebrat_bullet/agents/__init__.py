@@ -20,13 +20,18 @@ from zebrat_bullet.notes import Note
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.safety_region import make_region
 
-__all__ = ["PRIVILEGES", "Agent", "code_or_weights", "load_agent", "trained_task"]
+__all__ = ["PRIVILEGES", "Agent", "PolicyNote", "code_or_weights", "load_agent", "trained_task"]
 
 _CODE = ".py"
 _CLOSE = 1e-3
 """m, m/s and rad by which a car may differ from that of a training."""
+_LIMITS = ("max_speed_mps", "max_steering_rad")
 Factory = Callable[[TaskConfig, Sequence[str]], Agent]
 """Makes an agent for a task, its config varied by "key=value" texts; imports what it needs only then."""
+
+
+class PolicyNote(Note):
+    """Says how the car that a policy is to drive is not that of its training."""
 
 
 def load_agent(name_or_path: str, task: TaskConfig, noise_sigma: float = 0.0) -> Agent:
@@ -110,45 +115,53 @@ def _load_policy(name_or_path: str) -> PolicyAgent:
 def _check_car(policy: PolicyAgent, task: TaskConfig) -> None:
     """Refuse a policy whose inputs would mean something else on this car, though there be as many of them.
 
-    Of the very car of its training note what has changed since.
+    Of the very car of its training note what has changed since, of another where it is not as fast or agile.
     """
     trained_on: Any = policy.provenance
     for key in ("config", "task", "robot"):
         trained_on = trained_on.get(key) if isinstance(trained_on, dict) else None
-    if trained_on is None:
-        return
     if trained_on == task.robot:
         _note_changes(policy, task)
         return
+    if trained_on is not None:
+        _check_bearings(policy, str(trained_on), task)
+    if limits := [f"{name} {seen:g} for {now:g}" for name, seen, now in _limits_differing(policy, task)]:
+        said = (
+            f"policy {policy.name!r} observes something else than this car: {', '.join(limits)}; use the robot and the "
+            "senses that it was trained with"
+        )
+        warnings.warn(PolicyNote(said), stacklevel=3)
+
+
+def _check_bearings(policy: PolicyAgent, trained_on: str, task: TaskConfig) -> None:
     try:
-        cars = load_robot(str(trained_on)), load_robot(task.robot)
+        cars = load_robot(trained_on), load_robot(task.robot)
     except AssetError:  # its car is not on this machine: the number of its inputs is all there is to compare
         return
     then, now = (make_region(car, task.region, task.lidar.n_bearings) for car in cars)
     if (then.back, then.right, then.front, then.left) != (now.back, now.right, now.front, now.left):
         raise PolicyError(
             f"policy {policy.name!r} was trained on the robot {trained_on!r}, whose bearings lie otherwise than "
-            f"those of {task.robot!r}; train one: zebrat train --robot {task.robot}"
+            f"those of {task.robot!r}; let it drive its own car, --robot {trained_on}, or train one for this: zebrat "
+            f"train --robot {task.robot}"
         )
 
 
 def _note_changes(policy: PolicyAgent, task: TaskConfig) -> None:
-    seen, now = policy.observation, task.physics
     watched = make_region(load_robot(task.robot), task.region, task.lidar.n_bearings).range_m
-    changed = [
-        f"{name} {value:g} instead of {then:g}"
-        for name, value, then in (
-            ("max_speed_mps", now.max_speed_mps, seen.max_speed_mps),
-            ("max_steering_rad", now.max_steering_rad, seen.max_steering_rad),
-        )
-        if abs(value - then) > _CLOSE
-    ]
-    gaps = seen.gap_ranges_m
+    changed = [f"{name} {now:g} instead of {then:g}" for name, then, now in _limits_differing(policy, task)]
+    gaps = policy.observation.gap_ranges_m
     if len(gaps) == len(watched) and not np.allclose(watched, gaps, rtol=0.0, atol=_CLOSE):
         changed.append("another safety region")
     if changed:
         said = f"since the policy {policy.name!r} was trained, its car or task has changed: now {', '.join(changed)}"
-        warnings.warn(Note(said), stacklevel=3)
+        warnings.warn(PolicyNote(said), stacklevel=3)
+
+
+def _limits_differing(policy: PolicyAgent, task: TaskConfig) -> list[tuple[str, float, float]]:
+    """Return name, limit in training and limit here of those that differ."""
+    limits = ((name, getattr(policy.observation, name), getattr(task.physics, name)) for name in _LIMITS)
+    return [limit for limit in limits if abs(limit[1] - limit[2]) > _CLOSE]
 
 
 def _random(task: TaskConfig, settings: Sequence[str]) -> Agent:

@@ -204,6 +204,30 @@ def own_task_of(arguments: argparse.Namespace, agent: str) -> TaskConfig:
     return task
 
 
+def take_own_robot(arguments: argparse.Namespace) -> None:
+    """Put the car that the agents were trained on where --robot was left out; of another than the default tell.
+
+    For commands that measure all agents on one car.
+
+    Raises:
+        ConfigError: they were trained on several.
+        ZebratError: an agent cannot be loaded.
+    """
+    if arguments.robot is not None:
+        return
+    from zebrat_bullet.agents import trained_task
+
+    trained = {agent: task.robot for agent in arguments.agent if (task := trained_task(agent)) is not None}
+    if len(set(trained.values())) > 1:
+        said = ", ".join(f"{agent} on {robot}" for agent, robot in trained.items())
+        raise ConfigError(
+            f"the agents were trained on several cars, {said}; measure one of them at a time, or on --robot"
+        )
+    arguments.robot = next(iter(trained.values()), TaskConfig().robot)
+    if arguments.robot != TaskConfig().robot:
+        note(arguments, f"the car is that which {next(iter(trained))} was trained on: {arguments.robot}")
+
+
 def of_engine(arguments: argparse.Namespace) -> str:
     """Return what keeps the results of the second engine apart where --out is left out."""
     return "-mujoco" if arguments.sim == "mujoco" else ""

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, task_of
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, take_own_robot, task_of
 from zebrat_bullet.cli.options import agents_option, randomise_option, reward_options, task_options, workers_option
 from zebrat_bullet.processes import usable_cores
 
@@ -15,6 +15,7 @@ def families(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.report.families import draw_families, families_table
     from zebrat_bullet.world import FAMILIES
 
+    take_own_robot(arguments)
     out = arguments.out or Path("results") / "families"
     with progress_bar(arguments) as bar:
         shown = bar.add_task("judging", total=len(arguments.families or FAMILIES))
@@ -41,7 +42,7 @@ def add(command: AddCommand) -> None:
     """Add the command of this file."""
     agents = agents_option(planar_only=True)
     made = command(families, *(agents, task_options(), randomise_option(), reward_options()), workers_option())
-    made.set_defaults(sim="planar")
+    made.set_defaults(sim="planar", robot=None)
     made.add_argument("--families", nargs="+", metavar="FAMILY", help="(default: all)")
     made.add_argument("--tracks", type=int, default=100, help="of each family (default 100)")
     made.add_argument("--episodes", type=int, default=4, help="in each track (default 4)")

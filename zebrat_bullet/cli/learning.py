@@ -101,6 +101,7 @@ def demonstrate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.evaluation.own_task import as_trained
     from zebrat_bullet.imitation.demonstrations import demonstrate
 
+    arguments.agent = arguments.agent or ("oracle" if arguments.generated else "shipped")
     if arguments.sim == "planar" and not arguments.generated:
         raise ConfigError("--sim planar: planar cars demonstrate on --generated N tracks; give it, or leave --sim out")
     if arguments.generated:
@@ -250,7 +251,9 @@ def add(command: AddCommand) -> None:
             workers_option(),
         ),
     )
-    made.add_argument("--agent", default="shipped", help="who demonstrates; as in `zebrat evaluate`")
+    made.add_argument(
+        "--agent", help="who demonstrates; as in `zebrat evaluate` (default shipped; on --generated tracks oracle)"
+    )
     made.add_argument(
         "--worlds", nargs="+", default=list(TRACKS[:4]), metavar="WORLD", help="one episode in each by turns"
     )

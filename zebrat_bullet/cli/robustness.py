@@ -8,7 +8,15 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from zebrat_bullet.cli.common import AddCommand, Result, engine_task_of, of_engine, progress_bar, require_own_caster
+from zebrat_bullet.cli.common import (
+    AddCommand,
+    Result,
+    engine_task_of,
+    of_engine,
+    progress_bar,
+    require_own_caster,
+    take_own_robot,
+)
 from zebrat_bullet.cli.options import (
     agents_option,
     engine_option,
@@ -41,6 +49,7 @@ def robustness(arguments: argparse.Namespace) -> Result:
         else parse_axes(_axes(arguments))
     )
     _require_disturbed(axes)
+    take_own_robot(arguments)
     task = engine_task_of(arguments)
     error = {"pose_sigma_m": arguments.pose_sigma_m, "pose_sigma_rad": math.radians(arguments.pose_sigma_deg)}
     study = RobustnessStudy(
@@ -107,6 +116,7 @@ def add(command: AddCommand) -> None:
         robustness,
         *(agents_option(), task_options(), reward_options(), workers_option(), supervised_option(), engine_option()),
     )
+    made.set_defaults(robot=None)
     made.add_argument(
         "--axes",
         nargs="+",

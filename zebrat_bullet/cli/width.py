@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, task_of
+from zebrat_bullet.cli.common import AddCommand, Result, progress_bar, take_own_robot, task_of
 from zebrat_bullet.cli.options import (
     agents_option,
     noisy_options,
@@ -22,6 +22,7 @@ def width(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.evaluation.width import WidthStudy, run_study, width_range
     from zebrat_bullet.report.width import draw_width, summarise, width_table
 
+    take_own_robot(arguments)
     task, out = task_of(arguments), arguments.out or Path("results") / "width"
     study = WidthStudy(
         agents=tuple(arguments.agent),
@@ -59,7 +60,7 @@ def add(command: AddCommand) -> None:
         *(agents_option(), task_options(), noisy_options(), randomise_option(), reward_options()),
         *(sim_option(), workers_option()),
     )
-    made.set_defaults(sim="planar")
+    made.set_defaults(sim="planar", robot=None)
     made.add_argument("--shapes", nargs="+", default=["straight", "45", "90", "180"], help="(default: all)")
     made.add_argument("--least-m", type=float, default=0.8, help="narrowest passage (default 0.8)")
     made.add_argument("--most-m", type=float, default=1.6, help="widest passage (default 1.6)")

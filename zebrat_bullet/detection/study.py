@@ -7,10 +7,12 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass, field
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zebrat_bullet.agents import code_or_weights
 from zebrat_bullet.config import MOST_SEED, TaskConfig, within
 from zebrat_bullet.config_text import to_json
 from zebrat_bullet.detection.cases import Case
@@ -28,10 +30,11 @@ from zebrat_bullet.detection.traces import (
     save_trace,
 )
 from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.evaluation.claim import digests
 from zebrat_bullet.evaluation.npz import load_npz, save_npz
 from zebrat_bullet.evaluation.workers import worker_pool
 from zebrat_bullet.files import read_json, refusing
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.outputs import written_whole
 
 SCORE_SCHEMA = "zebrat-trace-score-1"
 N_DRIVES = 10
@@ -129,28 +132,40 @@ def drive(study: Study, folder: Path, workers: int | None, progress: Progress) -
         ConfigError: the folder holds drives of another study, or nobody meets a wall.
         ZebratError: a world, the robot or the policy cannot be loaded; nothing was driven then.
     """
-    load_robot(study.task.robot)
-    for world in study.worlds:
-        load_place(world, study.task.robot)
+    load_place.cache_clear()  # a file may have been edited since this process read it last
+    files = digests(study.task, {world: load_place(world, study.task.robot) for world in study.worlds})
     if "policy" in study.drivers:
-        load_unguided(study.policy, study.task)
-    _claim(folder, study)
+        files["policy"] = code_or_weights(load_unguided(study.policy, study.task))
+    _claim(folder, study, files)
     with worker_pool(workers, len(study.worlds) * len(study.drivers)) as pool:
         return {walls: _drive_rounds(study, walls, folder / "traces", pool, progress) for walls in study.walls}
 
 
-def _claim(folder: Path, study: Study) -> None:
-    """Refuse a folder with drives of another study; only the number of events and the kinds of walls may differ."""
-    mine = json.loads(to_json(study)) | {"n_events": None, "walls": None}
+def _claim(folder: Path, study: Study, files: dict[str, Any]) -> None:
+    """Refuse a folder with drives of another study; only the number of events and the kinds of walls may differ.
+
+    Args:
+        folder: of the study.
+        study: what is to be driven.
+        files: what tells car, worlds and policy from others of their names.
+    """
+    mine = json.loads(to_json(study)) | {"n_events": None, "walls": None, "files": files}
     path = folder / "study.json"
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"a study is kept in a folder, {folder} is a file; name another --out")
     if any(folder.rglob("*.npz")):  # traces, or scores of traces since deleted
-        if not path.is_file() or read_json(path, ConfigError) != mine:
+        then = read_json(path, ConfigError) if path.is_file() else None
+        if not isinstance(then, dict) or then | {"files": files} != mine:
             raise ConfigError(f"{folder} holds drives with other settings (see {path.name} there); name another --out")
-        return
+        # One from before these were kept says nothing of them.
+        if then.get("files", files) != files:
+            raise ConfigError(
+                f"{folder} holds drives from before the file of the car, a world or the policy changed; put it back as "
+                "it was, or name another --out"
+            )
     (folder / "traces").mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(mine, indent=2), encoding="utf-8")
+    with written_whole(path) as part:
+        part.write_text(json.dumps(mine, indent=2), encoding="utf-8")
 
 
 def _drive_rounds(study: Study, walls: str, folder: Path, pool: Executor, progress: Progress) -> list[Path]:

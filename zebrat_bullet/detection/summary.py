@@ -1,11 +1,12 @@
 """Numbers that answer the question: counts with intervals, each against the safety region, and the margin to take."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
+from scipy.stats import DegenerateDataWarning, bootstrap
 
 from zebrat_bullet.detection.cases import Case
 from zebrat_bullet.detection.representations import KINDS
@@ -85,18 +86,21 @@ def relative_difference(tally: Tally, reference: Tally, count: str) -> tuple[flo
     """Return how much less a tally counts than a reference on the same events, and its 95 % bootstrap interval.
 
     -0.2 is a fifth less. The events are drawn anew, in pairs, 2,000 times. All NaN where the reference counts nothing,
-    or there is but one event.
+    or there is but one event; the interval alone where some draw finds nothing that the reference counts.
     """
     mine, theirs = event_counts(tally, count), event_counts(reference, count)
     if not theirs.any() or len(theirs) < 2:
         return (float("nan"),) * 3
 
     def difference(a: NDArray[np.float64], b: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-        return np.asarray(a.sum(axis=axis) / b.sum(axis=axis) - 1.0)
+        counted = b.sum(axis=axis)
+        return np.asarray(a.sum(axis=axis) / np.where(counted > 0, counted, np.nan) - 1.0)
 
-    made = bootstrap(
-        (mine, theirs), difference, paired=True, n_resamples=2000, method="percentile", rng=np.random.default_rng(0)
-    ).confidence_interval
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DegenerateDataWarning)  # few events: the NaN says it
+        made = bootstrap(
+            (mine, theirs), difference, paired=True, n_resamples=2000, method="percentile", rng=np.random.default_rng(0)
+        ).confidence_interval
     return float(difference(mine, theirs)), float(made.low), float(made.high)
 
 

@@ -1,24 +1,26 @@
 """One judge for every agent: the same worlds, start poses, seeds and rules; episodes spread over the cores."""
 
+import re
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from zebrat_bullet.agents import Agent, load_agent
+from zebrat_bullet.agents import Agent, PolicyNote, load_agent
 from zebrat_bullet.config import TaskConfig, within
 from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.metrics import Score, score
 from zebrat_bullet.evaluation.records import EpisodeRecord, save_record
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
-from zebrat_bullet.files import shown
+from zebrat_bullet.files import is_file, shown
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.values import of_kind, whole_number
 from zebrat_bullet.world import World, WorldNote, load_world, require_winnable, world_labels, world_names
 
 CHUNK = 5
+_RECORD = re.compile(r"episode_\d{4,}\.npz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +65,8 @@ class Judgement:
 def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: None) -> dict[str, Score]:
     """Judge an agent in every world and return a score for each.
 
-    Every record is written as soon as its episode is over, so what was driven survives a crash.
+    Every record is written as soon as its episode is over, so what was driven survives a crash. Those of an earlier
+    judgement in the same worlds are removed before: what lies there is what was scored.
 
     Args:
         what: agent, worlds, episodes, task.
@@ -73,6 +76,7 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
         ZebratError: the agent or a world cannot be loaded, or not be won; nothing was driven then.
     """
     require_drivable(what)
+    _remove_records(what)
     jobs = [
         (what, world, range(first, min(first + CHUNK, what.episodes)))
         for world in what.worlds
@@ -86,6 +90,14 @@ def judge(what: Judgement, on_episode: Callable[[str], None] = lambda world: Non
             for _ in chunk:
                 on_episode(world)
     return {world: score(sorted(records[world], key=lambda r: r.episode)) for world in what.worlds}
+
+
+def _remove_records(what: Judgement) -> None:
+    if what.records is not None:
+        for world in what.worlds:
+            for path in record_path(what.records, world, 0, what.worlds).parent.glob("episode_*.npz"):
+                if _RECORD.fullmatch(path.name) and is_file(path):
+                    path.unlink()
 
 
 def require_drivable(what: Judgement) -> None:
@@ -130,7 +142,8 @@ def record_path(folder: Path, world: str, episode: int, worlds: Sequence[str] = 
 
 def _drive_chunk(what: Judgement, world: str, episodes: Sequence[int]) -> tuple[str, list[EpisodeRecord]]:
     records = []
-    warnings.simplefilter("ignore", WorldNote)  # said once, before the work was spread
+    for said_before in (WorldNote, PolicyNote):  # once, before the work was spread
+        warnings.simplefilter("ignore", said_before)
     place = load_world(world, robot=load_robot(what.task.robot))
     how = (what.action_noise, what.supervised_m)
     for record in drive_episodes(what.agent, what.task, place, what.seed, episodes, *how):

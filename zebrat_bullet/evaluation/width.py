@@ -9,14 +9,14 @@ import numpy as np
 from zebrat_bullet.agents import Agent, code_or_weights, load_agent
 from zebrat_bullet.agents.policy import PolicyAgent
 from zebrat_bullet.config import TaskConfig, with_engine, within
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, WorldError
 from zebrat_bullet.evaluation.claim import claim_folder
 from zebrat_bullet.evaluation.csv_log import CsvLog, read_as
 from zebrat_bullet.evaluation.endings import SIMULATORS, Endings, engine_endings, planar_endings
 from zebrat_bullet.evaluation.metrics import wilson_interval
 from zebrat_bullet.evaluation.own_task import as_trained
-from zebrat_bullet.robot import load_robot
-from zebrat_bullet.world.passage import SHAPES, passage, senses
+from zebrat_bullet.robot import RobotModel, load_robot
+from zebrat_bullet.world.passage import SHAPES, START_GAP_M, passage, senses
 from zebrat_bullet.world.world import World
 
 MASTERED = 0.95
@@ -102,19 +102,17 @@ def run_study(
         on_rows: called with what is driven, how many passages of that are done, and how many there are.
 
     Raises:
-        ConfigError: the folder's rows were driven under another task, seed or noise.
+        ConfigError: the folder's rows were driven under another task, seed or noise, or the car is too long.
         ZebratError: an agent or passage that there is not; nothing was driven then.
     """
     own = {name: replace(study, task=as_trained(study.task, name, own_robot=False)[0]) for name in study.agents}
     agents = {name: load_agent(name, own[name].task) for name in study.agents}
     task = with_engine(study.task, "bullet")  # the rows say what they were driven in
     robot = load_robot(study.task.robot)
+    courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
+    worlds = {(*course, width): _passage(*course, width, robot) for course in courses for width in study.widths_m}
     claim_folder(folder, "widths", task, seed=study.seed, action_noise=study.action_noise)
     log = CsvLog(folder / "width.csv", COLUMNS)
-    courses = [(shape, sense) for shape in study.shapes for sense in senses(shape)]
-    worlds = {
-        (*course, width): passage(course[0], width, course[1], robot) for course in courses for width in study.widths_m
-    }
     for name, agent in agents.items():
         done = {_key(row) for row in read_table(folder) if row.episodes >= study.episodes}
         start = replace(_blank(study, name, agent), episodes=study.episodes)
@@ -166,6 +164,19 @@ def width_range(least_m: float, most_m: float, step_m: float) -> tuple[float, ..
     if n > _MOST_WIDTHS:
         raise ConfigError(f"{n} widths are more than {_MOST_WIDTHS}; take a larger step")
     return tuple(round(float(width), 3) for width in least_m + step_m * np.arange(n + 1) if width < most_m + 1e-6)
+
+
+def _passage(shape: str, sense: str, width_m: float, robot: RobotModel) -> World:
+    length, breadth = np.ptp(robot.footprint_base, axis=0)
+    try:
+        return passage(shape, width_m, sense, robot)
+    except WorldError as error:
+        if width_m <= breadth + 2 * START_GAP_M:
+            raise
+        raise ConfigError(
+            f"{robot.source}, {length:.2f} m long, is too long to begin in the passages of this study, which are as "
+            "long whatever the car; judge it in worlds of your own: zebrat evaluate --worlds"
+        ) from error
 
 
 def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> Iterator[tuple[int, Endings]]:

@@ -126,7 +126,7 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
     learn. With an expert's labels every episode counts, the failed ones most.
 
     Raises:
-        ConfigError: there is nothing to imitate, or the episodes differ in what was observed or commanded.
+        ConfigError: there is nothing to imitate, or the episodes differ in car, observation or command.
         ZebratError: a file is not an episode record, or its labels do not fit it.
     """
     if not folder.exists():
@@ -139,6 +139,8 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
         raise ConfigError(
             f"{folder} holds no successful episode; record some with `zebrat demonstrate` or `zebrat teleop`"
         )
+    if len(robots := dict.fromkeys(demonstration.task.robot for demonstration in found)) > 1:
+        raise ConfigError(f"{folder}: the episodes are of several cars, {', '.join(robots)}; keep those of one")
     specs = {observation_of(demonstration) for demonstration in found}
     if len(specs) > 1:
         raise ConfigError(f"{folder}: the episodes differ in bearings, reach or limits: {specs}; keep one kind of them")

@@ -170,9 +170,10 @@ def drive_seeds(
 
 
 def _oracle(how: Demonstrating) -> OracleAgent:
-    agent = load_agent(how.agent, how.task)
-    if not isinstance(agent, OracleAgent):
+    if how.agent.partition(":")[0] != "oracle":
         raise ConfigError(
             f"on generated tracks the oracle demonstrates, {how.agent!r} is another; let it drive in PyBullet: --worlds"
         )
+    agent = load_agent(how.agent, how.task)
+    assert isinstance(agent, OracleAgent)
     return agent

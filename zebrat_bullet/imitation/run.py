@@ -121,5 +121,6 @@ class _Run:
         for i in range(1, iteration + 1):
             gathered += load_demonstrations(self._iteration_folder(i) / "records")
         pairs = encode_pairs(gathered, self._observation)
-        provenance = {"config": json.loads(to_json(self._config)), "iteration": iteration} | run_versions()
+        config = json.loads(to_json(self._config)) | {"task": json.loads(to_json(self._given[0].task))}
+        provenance = {"config": config, "iteration": iteration} | run_versions()
         return clone(pairs, self._observation, self._config.clone, self._config.seed, provenance), len(pairs.actions)

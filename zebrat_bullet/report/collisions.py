@@ -103,7 +103,7 @@ def paper_table(results: Results, walls: str) -> str:
         row = [LABELS[kind], f"{count} ({count / PAPER_COUNTS['sr'] - 1:+.1%})"]
         for name in ("in_time", "within_1_s", "overlap_reports"):
             difference, low, high = relative_difference(tallies[kind], tallies["sr"], name)
-            interval = "" if kind == "sr" else f" {low:+.1%} to {high:+.1%}"
+            interval = "" if kind == "sr" or np.isnan(low) else f" {low:+.1%} to {high:+.1%}"
             row.append(f"{getattr(at, name)} ({difference:+.1%}{interval and ';' + interval})")
         rows.append(row)
     return _markdown(

@@ -21,6 +21,8 @@ _LIDAR_M = 0.02
 _N_STEERED = 7
 """Steering angles at which what is steered is looked at: each corner of the footprint costs a bearing."""
 _MOST_MASS_KG = 1e5
+_MOST_WHEELBASES = 20.0
+"""So many times as long as its wheelbase no car is."""
 
 
 @dataclass
@@ -51,6 +53,8 @@ def find_body(parts: Parts, chassis: Chassis, setup: RobotSetup) -> tuple[Body, 
     problems: list[str] = []
     notes: list[str] = []
     points, outline, as_collision = _outline(parts, chassis, setup, problems, notes)
+    if outline is not None:
+        _check_length(outline, chassis, problems)
     mass, centre = _mass(parts, chassis, parts.body)
     if "body_mass_kg" in setup.numbers:
         mass = setup.numbers["body_mass_kg"]
@@ -67,6 +71,17 @@ def find_body(parts: Parts, chassis: Chassis, setup: RobotSetup) -> tuple[Body, 
     knuckles = np.array([_mass(parts, chassis, _steered_links(parts, role))[0] for role in STEERING_JOINTS])
     wheels = np.array([_mass(parts, chassis, parts.below((role,)))[0] for role in WHEEL_JOINTS])
     return Body(points, outline, as_collision, mass, centre, knuckles, wheels, notes), problems
+
+
+def _check_length(outline: NDArray[np.float64], chassis: Chassis, problems: list[str]) -> None:
+    length = float(np.ptp(outline, axis=0).max())
+    wheelbase = float(chassis.wheels[2:, 0].mean() - chassis.wheels[:2, 0].mean())
+    if length > _MOST_WHEELBASES * wheelbase:
+        problems.append(
+            f"the body is {length:.3g} m long with the axles {wheelbase:.3g} m apart, which is more than "
+            f"{_MOST_WHEELBASES:g} times that; sizes are in m: a mesh that is written in mm takes "
+            'scale="0.001 0.001 0.001" in its <mesh>'
+        )
 
 
 def _shaped(link: Link) -> bool:

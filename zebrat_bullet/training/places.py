@@ -1,10 +1,15 @@
 """The worlds of a training run, checked with the car that will drive there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.evaluation.claim import digests
+from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.robot import load_robot
+from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.world import World, load_world, require_winnable
 
 
@@ -36,3 +41,29 @@ def judging_worlds(names: Sequence[str], task: TaskConfig) -> list[World]:
     for world in loaded:
         require_winnable(world)
     return loaded
+
+
+def car_and_worlds(config: TrainConfig) -> dict[str, Any]:
+    """Return what a run's car and those of its worlds that are named are now: `digests`.
+
+    Raises:
+        AssetError, ConfigError, RobotError, WorldError: one of them cannot be loaded, driven or won.
+    """
+    learned_in, judged_in = training_worlds(config.worlds, config.task), judging_worlds(config.eval_worlds, config.task)
+    named = zip((*config.worlds, *config.eval_worlds), (*learned_in, *judged_in), strict=True)
+    return digests(config.task, dict(named))
+
+
+def changed_since(folder: Path, robot: str, now: Mapping[str, Any]) -> list[str]:
+    """Return what is no longer what it was when the run in a folder began; an earlier version's run does not say.
+
+    Args:
+        folder: of the run; its `versions.json` says what it began with.
+        robot: the name of its car.
+        now: as `car_and_worlds` has it.
+    """
+    path = folder / "versions.json"
+    then = read_json(path, ConfigError) if is_file(path) else {}
+    worlds = [name for name, world in now["worlds"].items() if then.get("worlds", now["worlds"]).get(name) != world]
+    changed = [] if then.get("car", now["car"]) == now["car"] else [f"robot {robot}"]
+    return changed + [f"world {name}" for name in worlds]

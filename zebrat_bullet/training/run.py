@@ -19,8 +19,7 @@ from zebrat_bullet.config_text import read_config, to_json
 from zebrat_bullet.envs.planar_env import PlanarVectorEnv
 from zebrat_bullet.envs.zebrat_env import ZebratEnv
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.evaluation.claim import digests
-from zebrat_bullet.files import is_file, read_json, refusing
+from zebrat_bullet.files import is_file, refusing
 from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import find_device
@@ -31,7 +30,7 @@ from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, WITHOUT_END, build_learner
-from zebrat_bullet.training.places import judging_worlds, training_worlds
+from zebrat_bullet.training.places import car_and_worlds, changed_since, judging_worlds, training_worlds
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
@@ -63,7 +62,7 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
         )
     require_init(config)
     config = _from_any_folder(config)
-    begun_with = _car_and_worlds(config)
+    begun_with = car_and_worlds(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config), encoding="utf-8")
     (folder / "versions.json").write_text(json.dumps(run_versions() | begun_with, indent=2), encoding="utf-8")
@@ -80,13 +79,6 @@ def _from_any_folder(config: TrainConfig) -> TrainConfig:
         init=str(Path(config.init).resolve()) if config.init else "",
         task=replace(config.task, robot=named_robot(config.task.robot)),
     )
-
-
-def _car_and_worlds(config: TrainConfig) -> dict[str, Any]:
-    """Return what the car and the worlds that have files were when a run began; raise where one cannot be driven."""
-    learned_in, judged_in = training_worlds(config.worlds, config.task), judging_worlds(config.eval_worlds, config.task)
-    named = zip((*config.worlds, *config.eval_worlds), (*learned_in, *judged_in), strict=True)
-    return digests(config.task, dict(named))
 
 
 def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
@@ -116,15 +108,12 @@ def require_run(folder: Path) -> None:
 
 
 def _require_unchanged(config: TrainConfig, folder: Path) -> None:
-    """Raise where the car's file or a world's was edited since the run began; an earlier version's does not say."""
-    path = folder / "versions.json"
-    then, now = read_json(path, ConfigError) if is_file(path) else {}, _car_and_worlds(config)
-    worlds = [name for name, world in now["worlds"].items() if then.get("worlds", now["worlds"]).get(name) != world]
-    changed = [] if then.get("car", now["car"]) == now["car"] else [f"robot {config.task.robot}"]
-    if changed := changed + [f"world {name}" for name in worlds]:
+    if changed := changed_since(folder, config.task.robot, car_and_worlds(config)):
+        best = folder / "best.zip"
+        learned = f" with what this one has learned: --set init={best}" if is_file(best) else ""
         raise ConfigError(
             f"{folder} cannot be resumed: {', '.join(changed)} changed since it began; put it back as it was, or begin "
-            f"a new run with what this one has learned: --set init={folder / 'best.zip'}"
+            f"a new run{learned}"
         )
 
 

@@ -12,8 +12,8 @@ from zebrat_bullet.config_text import from_json, read_config, to_json, with_over
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import read_yaml, refusing, shown
 from zebrat_bullet.outputs import written_whole
-from zebrat_bullet.robot import load_robot, named_robot
-from zebrat_bullet.training.places import judging_worlds, training_worlds
+from zebrat_bullet.robot import named_robot
+from zebrat_bullet.training.places import car_and_worlds, changed_since
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
@@ -103,13 +103,10 @@ def open_sweep(sweep: Sweep, folder: Path) -> dict[Path, TrainConfig]:
         # In the order in which they came, for a world's place in it tells the folders of its runs.
         sweep = replace(sweep, worlds=tuple(dict.fromkeys([*before.worlds, *sweep.worlds])))
     runs = runs_of(sweep, folder)
-    a_run = next(iter(runs.values()))
-    load_robot(a_run.task.robot)
-    for names in dict.fromkeys(config.worlds for config in runs.values()):
-        training_worlds(names, a_run.task)
-    judging_worlds([*sweep.worlds, *a_run.eval_worlds], a_run.task)
+    # Runs of the same worlds differ in nothing else that is read from files.
+    files = {worlds: car_and_worlds(config) for worlds, config in {c.worlds: c for c in runs.values()}.items()}
     for run, config in runs.items():
-        _refuse_other_settings(run, config)
+        _refuse_other_settings(run, config, files[config.worlds])
     with written_whole(manifest) as part:
         part.write_text(to_json(sweep), encoding="utf-8")
     return runs
@@ -187,8 +184,8 @@ def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:
         )
 
 
-def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
-    """A run keeps the settings it was begun with, so one begun with others does not belong into this sweep."""
+def _refuse_other_settings(run: Path, config: TrainConfig, files: dict[str, Any]) -> None:
+    """A run keeps what it was begun with, so one begun with other settings, car or worlds is none of this sweep."""
     if not is_finished(run) and not has_checkpoint(run):
         return
     before = read_config(TrainConfig, run / "config.json")  # has the defaults of settings added since
@@ -196,3 +193,7 @@ def _refuse_other_settings(run: Path, config: TrainConfig) -> None:
     differing = [name for name in names if getattr(before, name) != getattr(config, name)]
     if differing:
         raise ConfigError(f"{run} was trained with other settings ({', '.join(differing)}); move it away or name it so")
+    if changed := changed_since(run, config.task.robot, files):
+        raise ConfigError(
+            f"{run} was trained before {', '.join(changed)} changed; put it back as it was, or name another folder"
+        )
