@@ -170,7 +170,7 @@ def test_workers_that_are_no_number_are_refused():
 def test_a_generated_track_is_judged_by_the_file_that_it_was_saved_as(tmp_path):
     path = write_spec(generate_spec(3), tmp_path)
     scores = judge(Judgement(agent="random", worlds=[path], episodes=1, workers=1, task=EMBREE))
-    assert list(scores) == [str(path)]
+    assert list(scores) == [path]
 
 
 def test_a_driver_that_is_none_is_told_what_it_lacks(drive):
@@ -178,7 +178,7 @@ def test_a_driver_that_is_none_is_told_what_it_lacks(drive):
         run_episode(drive, "oracle", 0, 0)
     tuples = Straight()
     tuples.act = lambda reading: (0.6, 0.0)
-    with pytest.raises(ConfigError, match=r"what act returned must be a Command, got \(0.6, 0.0\)"):
+    with pytest.raises(ConfigError, match=r"act must return a Command, got \(0.6, 0.0\); return Command"):
         run_episode(drive, tuples, 0, 0)
 
 

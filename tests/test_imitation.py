@@ -289,7 +289,8 @@ def test_a_policy_demonstrates_in_the_task_that_it_was_trained_on(tmp_path, capf
 
 
 def test_a_clone_knows_the_car_of_its_demonstrations_which_are_of_one(demonstrations, tmp_path):
-    mine = str(shutil.copy(find_asset("urdf", "zebrat", ".urdf"), tmp_path / "mine.urdf"))
+    shutil.copytree(find_asset("urdf", "zebrat", ".urdf").parent, tmp_path / "urdf")
+    mine = str(tmp_path / "urdf" / "zebrat.urdf")
     theirs, ours = sorted(demonstrations.rglob("*.npz"))[:2], tmp_path / "ours"
     for path in theirs:
         record = load_record(path)
@@ -299,6 +300,9 @@ def test_a_clone_knows_the_car_of_its_demonstrations_which_are_of_one(demonstrat
     trained = trained_task(str(tmp_path / "run"))
     assert trained is not None and trained.robot == mine
     shutil.copy(theirs[0], ours / "theirs.npz")
+    assert len(load_demonstrations(ours)) == 3  # the same car by another name
+    text = Path(mine).read_text(encoding="utf-8")
+    Path(mine).write_text(text.replace('velocity="20"', 'velocity="19"'), encoding="utf-8")
     with pytest.raises(ConfigError, match=f"of several cars, {mine}, zebrat; keep those of one"):
         load_demonstrations(ours)
 

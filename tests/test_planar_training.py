@@ -19,12 +19,13 @@ from zebrat_bullet.evaluation.endings import planar_endings
 from zebrat_bullet.evaluation.generated import judge_generated
 from zebrat_bullet.evaluation.own_task import as_trained
 from zebrat_bullet.planar.drive import PlanarDrive
+from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations
 from zebrat_bullet.training.settings import VALIDATION_SEED, PlanarConfig, TrainConfig
-from zebrat_bullet.world import HELD_OUT_SEED, World, generate_tracks
+from zebrat_bullet.world import HELD_OUT_SEED, World, generate_tracks, load_world
 
 STEPS = 16 * 16
 
@@ -258,3 +259,14 @@ def test_another_seed_draws_other_noise_and_other_cars_the_same_one_the_same():
     seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + 4)
     a, b = (judge_generated("shipped", seeds, 4, its, seed=seed, **how) for seed in (0, 7))
     assert a != b and a == judge_generated("shipped", seeds, 4, its, seed=0, **how)
+
+
+def test_a_start_range_that_reaches_a_wall_in_between_ends_that_episode_alone(tmp_path):
+    (tmp_path / "wide.yaml").write_text(
+        "name: wide\nsegments:\n  - {straight: 1.6, width: 1.14}\n  - {straight: 4.0, width: 1.1}\n"
+        "start: {at_m: 1.0, range_x_m: 0.0, range_y_m: 0.0, range_yaw_rad: 1.57}\n",
+        encoding="utf-8",
+    )
+    world = load_world(tmp_path / "wide.yaml")
+    outcomes = planar_endings(load_agent("shipped", TaskConfig()), TaskConfig(), [world], 30).outcome
+    assert outcomes.shape == (1, 30) and Outcome.COLLISION.code in outcomes

@@ -26,7 +26,11 @@ def whole_number(text: str) -> int:
 def robot_options() -> argparse.ArgumentParser:
     """Return the options of the car."""
     made = argparse.ArgumentParser(add_help=False)
-    made.add_argument("--robot", default="zebrat", help="URDF or xacro file, or name of a shipped car (default zebrat)")
+    made.add_argument(
+        "--robot",
+        default="zebrat",
+        help="URDF or xacro file, or name of a shipped car (default zebrat, or what the agent was trained on)",
+    )
     made.add_argument(
         "--joints",
         nargs="+",

@@ -119,8 +119,7 @@ class ZebratEnv(gymnasium.Env):
         """
         self._refuse_closed("reset")
         number, pose = _options(options)
-        super().reset(seed=seed)
-        again = seed is not None or self._seed is None
+        given, again = seed, seed is not None or self._seed is None
         seed = self._seed if seed is None else seed
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
         number = (0 if again else self._n_episodes) if number is None else number
@@ -130,6 +129,7 @@ class ZebratEnv(gymnasium.Env):
             _check_pose(pose, world, self.drive.robot.footprint_base)
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
         # Only now: one that was refused leaves the episode under way as it was.
+        super().reset(seed=given)
         self._seed, self._n_episodes, self._over = seed, number + 1, False
         self._begun, self._actions = {"episode": number, "pose": pose}, []
         self._reading, self._path, self._terms = reading, [self.drive.state.pose], dict.fromkeys(TERMS, 0.0)

@@ -2,11 +2,9 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_plain, to_json
@@ -18,6 +16,13 @@ from zebrat_bullet.world import World
 from zebrat_bullet.world.fingerprint import digest, fingerprint, rounded
 
 STUDY = "study.json"
+# These and no others, in this order: a number that cars get later must not make each of them another one.
+_OF_A_CAR = (
+    *("wheelbase_m", "track_m", "hinge_track_m", "hinge_offset_m", "wheel_radius_m", "front_radius_m", "rear_axle_x_m"),
+    *("footprint_base", "lidar_xyz_base", "lidar_rpy", "body_top_m", "knuckle_limit_rad", "rolling_mass_kg"),
+    *("yaw_inertia_kgm2", "weight_n", "wheel_effort_nm", "wheel_speed_radps", "hinge_speed_radps", "plain_body"),
+    "base_from_root",
+)
 
 
 def claim_folder(
@@ -86,8 +91,8 @@ def digests(task: TaskConfig, worlds: Mapping[str, World]) -> dict[str, Any]:
     """
     robot = load_robot(task.robot)
     # How near to the floor its body reaches decides which worlds it may drive in, not how it drives in them.
-    values = (getattr(robot, each.name) for each in fields(robot) if each.name != "body_bottom_m")
-    car = digest([rounded(value) for value in values if isinstance(value, float | np.ndarray)])
+    values = (getattr(robot, name) for name in _OF_A_CAR)
+    car = digest([rounded(value) for value in values if value is not None])
     return {"car": car, "worlds": {name: _digest_of(world) for name, world in worlds.items()}}
 
 

@@ -56,7 +56,7 @@ class Judgement:
         within(self, action_noise=(0.0, 100.0), supervised_m=(0.0, 100.0))
         of_kind(self.agent, str, "agent", "name one, a policy file or a run folder, as a text")
         of_kind(self.task, TaskConfig, "task", "give TaskConfig(...)")
-        object.__setattr__(self, "worlds", world_names(self.worlds))
+        world_names(self.worlds)
         if not self.worlds:
             raise ConfigError("name at least one world")
         require_each_once(self.worlds)

@@ -17,7 +17,6 @@ from zebrat_bullet.files import shown
 from zebrat_bullet.task.drive import Drive, DriveStep
 from zebrat_bullet.task.rewards import TERMS
 from zebrat_bullet.types import Command, Reading, RobotState
-from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
 
 
@@ -53,7 +52,11 @@ def run_episode(
     touching: list[bool] = []
     while not steps or steps[-1].outcome is None:
         command = agent.act(_with_privileges(reading, drive, agent))
-        of_kind(command, Command, "what act returned", "return Command(speed_mps, steering_rad) of zebrat_bullet.types")
+        if not (hasattr(command, "speed_mps") and hasattr(command, "steering_rad")):
+            raise ConfigError(
+                f"agent {agent.name}: act must return a Command, got {shown(repr(command))}; return "
+                "Command(speed_mps, steering_rad) of zebrat_bullet.types"
+            )
         if isinstance(agent, SupervisedAgent) and len(agent.refused) > len(touching):
             wanted = agent.refused[-1].command
             touching.append(_is_finite(wanted) and drive.sim.would_touch(wanted))

@@ -173,9 +173,11 @@ def _passage(shape: str, sense: str, width_m: float, robot: RobotModel) -> World
     except WorldError as error:
         if width_m <= breadth + 2 * START_GAP_M:
             raise
+        behind = -float(robot.footprint_base[:, 0].min())
         raise ConfigError(
-            f"{robot.source}, {length:.2f} m long, is too long to begin in the passages of this study, which are as "
-            "long whatever the car; judge it in worlds of your own: zebrat evaluate --worlds"
+            f"{robot.source}, {length:.2f} m long, {behind:.2f} m of it behind its base, has no room to begin in the "
+            "passages of this study, which are as long whatever the car; judge it in worlds of your own: "
+            "zebrat evaluate --worlds"
         ) from error
 
 

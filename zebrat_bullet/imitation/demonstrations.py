@@ -17,7 +17,7 @@ from zebrat_bullet.agents import Agent, code_or_weights
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.config_text import from_json
 from zebrat_bullet.errors import ConfigError, ZebratError
-from zebrat_bullet.evaluation.claim import claim_data_set
+from zebrat_bullet.evaluation.claim import claim_data_set, digests
 from zebrat_bullet.evaluation.judge import record_path, require_each_once
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import run_episode
@@ -139,12 +139,21 @@ def load_demonstrations(folder: Path) -> list[Demonstration]:
         raise ConfigError(
             f"{folder} holds no successful episode; record some with `zebrat demonstrate` or `zebrat teleop`"
         )
-    if len(robots := dict.fromkeys(demonstration.task.robot for demonstration in found)) > 1:
-        raise ConfigError(f"{folder}: the episodes are of several cars, {', '.join(robots)}; keep those of one")
+    tasks = {demonstration.task.robot: demonstration.task for demonstration in found}
+    if len(tasks) > 1 and len(set(map(_car_of, tasks.values()))) > 1:
+        raise ConfigError(f"{folder}: the episodes are of several cars, {', '.join(tasks)}; keep those of one")
     specs = {observation_of(demonstration) for demonstration in found}
     if len(specs) > 1:
         raise ConfigError(f"{folder}: the episodes differ in bearings, reach or limits: {specs}; keep one kind of them")
     return found
+
+
+def _car_of(task: TaskConfig) -> str:
+    """Return what tells the car from another, whatever its file is called; its name where it is not on this machine."""
+    try:
+        return str(digests(task, {})["car"])
+    except ZebratError:
+        return task.robot
 
 
 def _demonstrations(folder: Path) -> Iterator[Demonstration]:

@@ -58,7 +58,7 @@ def drive_labelled(
     """
     n, limits = len(worlds), np.array([task.physics.max_speed_mps, task.physics.max_steering_rad])
     drive = PlanarDrive(task, worlds, n, raw=True)  # in SI units: ranges, then the last command
-    observation = on_host(drive.begin_at(np.arange(n, dtype=np.int32), drive.starts[:, start]))
+    observation = on_host(drive.begin_unchecked(np.arange(n, dtype=np.int32), drive.starts[:, start]))
     for oracle in oracles:
         oracle.reset(0)
     sigma = rng.uniform(0.0, disturbance.noise, (n, 1)) * limits

@@ -64,4 +64,6 @@ def _require_free(
     shapely.prepare(world.walls)  # kept in the geometry: only its first call costs
     outlines = shapely.polygons(to_world_all(footprint_base, poses[cars]))
     for car in cars[shapely.intersects(world.walls, outlines)][:1]:
-        raise ConfigError(f"the pose of car {car} {tuple(poses[car])} puts it into a wall of {world.name!r}; move it")
+        raise ConfigError(
+            f"the pose of car {car} {tuple(poses[car].tolist())} puts it into a wall of {world.name!r}; move it"
+        )

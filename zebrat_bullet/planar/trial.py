@@ -47,7 +47,7 @@ def drive_out(
     outcome = np.zeros(drive.n_cars, dtype=np.int8)
     n_steps, n_reversals = (np.zeros(drive.n_cars, dtype=np.int64) for _ in range(2))
     direction = np.zeros(drive.n_cars)
-    observation: Array = drive.begin_at(worlds, poses)
+    observation: Array = drive.begin_unchecked(worlds, poses)
     step = 0
     while not outcome.all():
         step += 1

@@ -84,7 +84,7 @@ def _wheel_right(parts: Parts, role: str) -> bool:
         or len(shapes) != 1
         or shapes[0].geometry.cylinder is None
         # A wide one rubs over its edges, and the car turns wider than its steering says.
-        or shapes[0].geometry.cylinder.length > _THIN * shapes[0].geometry.cylinder.radius
+        or shapes[0].geometry.cylinder.length > _THIN * shapes[0].geometry.cylinder.radius + _EXACT_M
     ):
         return False
     pose = np.eye(4) if shapes[0].origin is None else shapes[0].origin

@@ -140,7 +140,7 @@ def weighted_terms(step: RewardInput) -> dict[str, Array]:
     """
     weights, xp = step.config.weights, namespace(step.speed_mps)
     none, seen = xp.zeros_like(step.speed_mps), _to_read(step)
-    terms = {name: _one_a_car(name, term(seen), step) if weights.get(name) else none for name, term in TERMS.items()}
+    terms = {name: _one_a_car(name, term, seen) if weights.get(name) else none for name, term in TERMS.items()}
     if not bool(xp.isfinite(sum(terms.values())).all()):
         _refuse_non_finite(terms)
     return terms
@@ -158,16 +158,28 @@ def _to_read(step: RewardInput) -> RewardInput:
     )
 
 
-def _one_a_car(name: str, term: Array, step: RewardInput) -> Array:
-    """Return a term, weighted, in the precision of the speeds."""
-    wanted = step.speed_mps.shape
-    if getattr(term, "shape", None) != wanted:
-        got = f"an array of shape {tuple(term.shape)}" if hasattr(term, "shape") else f"a {type(term).__name__}"
+def _one_a_car(name: str, term: Callable[[RewardInput], Array], step: RewardInput) -> Array:
+    """Return what a term pays, weighted, in the precision of the speeds."""
+    try:
+        paid = term(step)
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        raise ConfigError(f"reward term {name!r} writes to what it sees ({error}); let it compute on a copy") from error
+    speed = step.speed_mps
+    alike = isinstance(paid, np.ndarray) == isinstance(speed, np.ndarray)
+    if getattr(paid, "shape", None) != speed.shape or not alike or not (paid.dtype == speed.dtype or _is_real(paid)):
+        got = f"a {type(paid).__name__}"
+        got += f" of shape {tuple(paid.shape)} and type {paid.dtype}" if hasattr(paid, "dtype") else ""
         raise ConfigError(
             f"reward term {name!r} returned {got}; a term returns one number a car, here an array of shape "
-            f"{tuple(wanted)}, computed from those of its RewardInput"
+            f"{tuple(speed.shape)}, computed from those of its RewardInput"
         )
-    return namespace(term).astype(step.config.weights[name] * term, step.speed_mps.dtype, copy=False)
+    return namespace(paid).astype(step.config.weights[name] * paid, speed.dtype, copy=False)
+
+
+def _is_real(paid: Array) -> bool:
+    return bool(namespace(paid).isdtype(paid.dtype, ("real floating", "integral", "bool")))
 
 
 def _refuse_non_finite(terms: Mapping[str, Array]) -> None:

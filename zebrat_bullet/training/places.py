@@ -64,6 +64,8 @@ def changed_since(folder: Path, robot: str, now: Mapping[str, Any]) -> list[str]
     """
     path = folder / "versions.json"
     then = read_json(path, ConfigError) if is_file(path) else {}
-    worlds = [name for name, world in now["worlds"].items() if then.get("worlds", now["worlds"]).get(name) != world]
+    then = then if isinstance(then, dict) else {}
+    known = known if isinstance(known := then.get("worlds"), dict) else now["worlds"]
+    worlds = [name for name, world in now["worlds"].items() if known.get(name, world) != world]
     changed = [] if then.get("car", now["car"]) == now["car"] else [f"robot {robot}"]
     return changed + [f"world {name}" for name in worlds]
