@@ -13,7 +13,7 @@ from shapely import affinity
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world.elements import LOWEST_WALL_M, Buttress, PolygonObstacle
-from zebrat_bullet.world.goal import circuit_from, goal_off_ground, lap_gates, point_gate
+from zebrat_bullet.world.goal import circuit_from, goal_off_ground, lap_gates, on_sides, point_gate
 from zebrat_bullet.world.meshes import read_mesh
 from zebrat_bullet.world.niches import open_niches
 from zebrat_bullet.world.ros_map import read_ros_map
@@ -30,8 +30,6 @@ _FLOOR_MARGIN_M = 8.0
 _HAIR_M = 1e-3
 # An open-space line that must part the way out is drawn so much longer, as walls of cells have steps.
 _INTO_WALLS_M = 0.2
-# So far beside the line it is told which side is inside.
-_BESIDE_M = 0.02
 
 
 def build_world(spec: WorldSpec, path: Path) -> World:
@@ -153,7 +151,7 @@ def _before(spec: WorldSpec, floor: shapely.Geometry, pose: Pose2, source: str) 
     line = shapely.LineString(spec.open_line)
     if spec.centre_line is not None:
         drawn = _reached(floor.difference(line.buffer(_HAIR_M)), pose, source)
-        if not all(_on_sides(np.array(spec.open_line, dtype=float), drawn)):
+        if not all(on_sides(np.array(spec.open_line, dtype=float), drawn)):
             return drawn
     # Without a centre line nothing but the line itself parts the way out, so it must reach into the walls.
     longer = affinity.scale(line, *2 * [1.0 + 2 * _INTO_WALLS_M / line.length])
@@ -166,17 +164,9 @@ def _reached(floor: shapely.Geometry, pose: Pose2, source: str) -> shapely.Polyg
     return here[0] if here else _largest(floor, source)
 
 
-def _on_sides(line: NDArray[np.float64], inside: shapely.Polygon) -> tuple[bool, bool]:
-    """Return whether a floor lies to the right, and to the left of the middle of a (2, 2) line."""
-    along = (line[1] - line[0]) / math.dist(*line)
-    right = _BESIDE_M * np.array([along[1], -along[0]])
-    on_right, on_left = (bool(shapely.intersects_xy(inside, *(line.mean(axis=0) + side))) for side in (right, -right))
-    return on_right, on_left
-
-
 def _outward(line: NDArray[np.float64], inside: shapely.Polygon, source: str) -> NDArray[np.float64]:
     """Order the ends of a (2, 2) open-space line so that the way out, away from a floor, is to their right."""
-    on_right, on_left = _on_sides(line, inside)
+    on_right, on_left = on_sides(line, inside)
     if on_right == on_left:
         raise WorldError(
             f"{source}: open_line: it does not part the way out from where the car begins; let both its ends reach the "

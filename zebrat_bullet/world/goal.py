@@ -1,5 +1,7 @@
 """What is to be reached in a world without an open-space line: a goal, a line, or the quarters of a lap."""
 
+import math
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -13,6 +15,8 @@ REACHED_M = 0.5
 """A waypoint, or a goal that is a point, is reached within this distance of the car's middle (paper, eq. 9)."""
 GATES = 4
 """Most gates that a world has; the quarters of a lap tell in which sense it is driven."""
+# So far beside the open-space line it is told which side is inside.
+_BESIDE_M = 0.02
 # Longer than any passage is wide.
 _REACH_M = 20.0
 
@@ -30,6 +34,14 @@ def require_winnable(world: World, source: str = "") -> None:
             "(`goal: [x, y]` in its world file, --goal X Y, goal=(x, y)), an exit (open_line), or a "
             "centre_line that ends at its first point (a circuit)"
         )
+
+
+def on_sides(line: NDArray[np.float64], inside: shapely.Geometry) -> tuple[bool, bool]:
+    """Return whether a floor lies to the right, and to the left of the middle of a (2, 2) line in m."""
+    along = (line[1] - line[0]) / math.dist(*line)
+    right = _BESIDE_M * np.array([along[1], -along[0]])
+    on_right, on_left = (bool(shapely.intersects_xy(inside, *(line.mean(axis=0) + side))) for side in (right, -right))
+    return on_right, on_left
 
 
 def point_gate(point: tuple[float, float] | NDArray[np.float64]) -> NDArray[np.float64]:

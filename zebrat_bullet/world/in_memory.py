@@ -1,7 +1,5 @@
 """Refuses worlds made in Python that say what no world file could say."""
 
-import math
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -9,12 +7,10 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import WorldError
 from zebrat_bullet.files import shown
 from zebrat_bullet.world.elements import LOWEST_WALL_M, MOST_COORDINATE_M
-from zebrat_bullet.world.goal import GATES
+from zebrat_bullet.world.goal import GATES, on_sides
 from zebrat_bullet.world.solid import ExtrudedMesh
 from zebrat_bullet.world.world import World
 
-# So far beside the open-space line it is told which side is inside.
-_BESIDE_M = 0.02
 # Outlines that are joined again may differ by what rounding leaves.
 _LEAST_WALL_M2 = 1e-3
 
@@ -55,16 +51,11 @@ def _check_outward(world: World, line: NDArray[np.float64], source: str) -> None
         raise WorldError(
             f"{source}: open_line: must be two finite points that differ, got {shown(repr(line.tolist()))}; correct it"
         )
-    right = _BESIDE_M * (line[1] - line[0])[::-1] * (1, -1) / math.dist(*line)
-    if _is_inside(world, line.mean(axis=0) + right) and not _is_inside(world, line.mean(axis=0) - right):
+    if on_sides(line, world.free_space) == (True, False):
         raise WorldError(
             f"{source}: open_line: the way out must lie to the right when going from its first end to its second, and "
             "there lies the passage; swap its ends"
         )
-
-
-def _is_inside(world: World, point: NDArray[np.float64]) -> bool:
-    return bool(shapely.intersects_xy(world.free_space, *point))
 
 
 def _check_mesh(world: World, source: str) -> None:
