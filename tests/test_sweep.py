@@ -239,8 +239,12 @@ def test_runs_begin_seed_after_seed_so_that_a_sweep_that_is_stopped_has_compared
 def test_files_of_a_sweep_are_found_from_anywhere_with_their_places_too(tmp_path, monkeypatch):
     shutil.copy(Path(__file__).parent.parent / "worlds" / "track_2.yaml", tmp_path)
     monkeypatch.chdir(tmp_path)
-    ((run, config),) = open_sweep(Sweep(worlds=("track_2.yaml",)), tmp_path / "sweep").items()
-    assert run.name == "ddpg-fomt-track_2-seed0" and config.worlds == (str(tmp_path / "track_2.yaml"),)
+    one = Sweep(worlds=("track_2.yaml",), set=("episodes=1", *TINY[1:], "eval_worlds=[track_2.yaml]"))
+    ((run, config),) = open_sweep(one, tmp_path / "sweep").items()
+    assert run.name == "ddpg-fomt-track_2-seed0"
+    assert config.worlds == config.eval_worlds == (str(tmp_path / "track_2.yaml"),)
+    assert perform(config, run) is Outcome.DONE
+    open_sweep(one, tmp_path / "sweep")  # what it has trained is its own
     assert Sweep(worlds=("track_2.yaml:start=0.5,0.0,0.0",)).worlds == (f"{tmp_path}/track_2.yaml:start=0.5,0.0,0.0",)
 
 

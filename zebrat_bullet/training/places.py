@@ -1,6 +1,7 @@
-"""The worlds of a training run, checked with the car that will drive there."""
+"""What a training run reads: its worlds, checked with the car that will drive there, and what else it names by path."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,20 @@ from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.claim import digests
 from zebrat_bullet.files import is_file, read_json
-from zebrat_bullet.robot import load_robot
+from zebrat_bullet.robot import load_robot, named_robot
 from zebrat_bullet.training.settings import TrainConfig
-from zebrat_bullet.world import World, load_world, require_winnable
+from zebrat_bullet.world import World, anywhere, load_world, require_winnable
+
+
+def from_any_folder(config: TrainConfig) -> TrainConfig:
+    """Return the config with the user's own files named so that a run resumed from elsewhere finds the same ones."""
+    return replace(
+        config,
+        worlds=tuple(map(anywhere, config.worlds)),
+        eval_worlds=tuple(map(anywhere, config.eval_worlds)),
+        init=str(Path(config.init).resolve()) if config.init else "",
+        task=replace(config.task, robot=named_robot(config.task.robot)),
+    )
 
 
 def training_worlds(names: Sequence[str], task: TaskConfig) -> list[World]:

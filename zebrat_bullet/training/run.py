@@ -24,20 +24,26 @@ from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.simulation import find_device
 from zebrat_bullet.processes import usable_cores
-from zebrat_bullet.robot import load_robot, named_robot
+from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.trail import PARTS
 from zebrat_bullet.training.callbacks import Progress, RunCallback
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.learner_settings import PPOConfig
 from zebrat_bullet.training.learners import DISCRETE, OFF_POLICY, WITHOUT_END, build_learner
-from zebrat_bullet.training.places import car_and_worlds, changed_since, judging_worlds, training_worlds
+from zebrat_bullet.training.places import (
+    car_and_worlds,
+    changed_since,
+    from_any_folder,
+    judging_worlds,
+    training_worlds,
+)
 from zebrat_bullet.training.planar_callback import PlanarCallback
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.run_folder import POLICY_FILES, SUMMARY, has_checkpoint, is_finished, summarise
 from zebrat_bullet.training.settings import VALIDATION_SEED, TrainConfig, require_init
 from zebrat_bullet.training.tensors import begin_with
 from zebrat_bullet.training.vec_env import OverlappedVecEnv, learn_meanwhile, make_vec_env
-from zebrat_bullet.world import anywhere, generate_tracks
+from zebrat_bullet.world import generate_tracks
 
 VERSIONED = ("zebrat-bullet", "pybullet", "open3d", "numpy", "torch", "stable-baselines3", "gymnasium", "warp-lang")
 
@@ -61,24 +67,13 @@ def train(config: TrainConfig, folder: Path, on_progress: Callable[[Progress], N
             "another folder, or delete this one"
         )
     require_init(config)
-    config = _from_any_folder(config)
+    config = from_any_folder(config)
     begun_with = car_and_worlds(config)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(to_json(config), encoding="utf-8")
     (folder / "versions.json").write_text(json.dumps(run_versions() | begun_with, indent=2), encoding="utf-8")
     _run_where(config)(config, folder, on_progress, resume=False)
     _finish(folder)
-
-
-def _from_any_folder(config: TrainConfig) -> TrainConfig:
-    """Return the config with the user's own files named so that a run resumed from elsewhere finds the same ones."""
-    return replace(
-        config,
-        worlds=tuple(map(anywhere, config.worlds)),
-        eval_worlds=tuple(map(anywhere, config.eval_worlds)),
-        init=str(Path(config.init).resolve()) if config.init else "",
-        task=replace(config.task, robot=named_robot(config.task.robot)),
-    )
 
 
 def resume(folder: Path, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:

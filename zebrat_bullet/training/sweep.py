@@ -13,7 +13,7 @@ from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.files import read_yaml, refusing, shown
 from zebrat_bullet.outputs import written_whole
 from zebrat_bullet.robot import named_robot
-from zebrat_bullet.training.places import car_and_worlds, changed_since
+from zebrat_bullet.training.places import car_and_worlds, changed_since, from_any_folder
 from zebrat_bullet.training.presets import TRAIN_PRESETS, learner_of, with_task
 from zebrat_bullet.training.run_folder import has_checkpoint, is_finished
 from zebrat_bullet.training.settings import TrainConfig, require_init
@@ -167,7 +167,7 @@ def _run_config(sweep: Sweep, algo: str, reward: str, worlds: tuple[str, ...], s
     if (config.learner.algo, config.worlds, config.seed) != (algo, planned.worlds, seed):
         raise ConfigError(f"set names what is an axis of the sweep; give it as one of {', '.join(AXES)}")
     require_init(config)
-    return replace(config, init=str(Path(config.init).resolve())) if config.init else config
+    return from_any_folder(config)
 
 
 def _refuse_another(old: Sweep, new: Sweep, folder: Path) -> None:
