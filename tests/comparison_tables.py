@@ -22,7 +22,7 @@ def episodes(
             **{"agent": AGENTS.get(method, method.lower()), "method": method, "setting": SETTINGS.get(method, "")},
             **{"study": study or LONG.get(method, "paper"), "sim": "bullet", "place": place, "seed": 0, "noise": ""},
             **{"episode": episode, "outcome": names[outcome], "duration_s": 20.0, "n_reversals": 0},
-            **{"min_gap_m": 0.1, "steering_effort_rad": 5.0, "distance_m": 10.0},
+            **{"min_gap_m": 0.1, "steering_effort_rad": 5.0, "distance_m": 10.0, "backed_m": 0.0},
             **{"x0": 0.001 * episode, "y0": 0.0, "yaw0": 0.0, "x1": 5.0, "y1": 0.0, "yaw1": 0.0},
         }
         rows.append(row | more)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -24,6 +25,7 @@ from zebrat_bullet.comparison.steps import Judge, Step, Train, steps
 from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, write_tables
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.evaluation.endings import count_reversals, longest_way_back
 from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.report.comparison.settings import asked_runs
 from zebrat_bullet.training.archive import as_folder
@@ -408,6 +410,17 @@ def test_the_papers_budget_leaves_nothing_out_and_is_what_the_paper_says():
         driven = [cell for cell in all_cells if cell.method == method]
         assert {cell.episodes for cell in driven} == {15}
         assert {"radius 0.3", "radius 0.5"} <= {cell.setting for cell in driven}
+
+
+def test_a_command_that_changes_its_sign_counts_as_a_reversal_and_only_what_was_driven_back_as_backing_up():
+    assert count_reversals(np.array([0.0, 0.3, 0.0, 0.3, -0.1, 0.0, -0.1, 0.3])) == 2
+    along = np.array([0.0, 0.3, 0.6, 0.55, 0.5, 0.52, 0.4, 0.9])  # 0.2 m back, with a halt that moves it on a little
+    for yaw in (0.0, 2.0):
+        poses = np.stack([along * np.cos(yaw) + 3.0, along * np.sin(yaw), np.full(len(along), yaw)], axis=1)
+        assert longest_way_back(poses) == pytest.approx(0.2)
+        assert longest_way_back(poses[:3]) == 0.0 == longest_way_back(poses[:1])
+    turned = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, np.pi], [0.0, 0.0, np.pi]])  # back where it was, nose first
+    assert longest_way_back(turned) == 0.0
 
 
 def test_a_training_that_no_budget_runs_is_missing_from_none(tmp_path: Path):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zebrat_bullet.errors import ZebratError
-from zebrat_bullet.evaluation.endings import count_reversals
+from zebrat_bullet.evaluation.endings import count_reversals, longest_way_back
 from zebrat_bullet.evaluation.judge import record_path
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record
 from zebrat_bullet.evaluation.set_episodes import load_set_episodes
@@ -91,6 +91,7 @@ def _measured(record: EpisodeRecord) -> dict[str, Any]:
         "min_gap_m": record.min_gap_m,
         "steering_effort_rad": float(np.abs(np.diff(record.command[:, 1])).sum()),
         "distance_m": float(np.hypot(moved[:, 0], moved[:, 1]).sum()),
+        "backed_m": longest_way_back(record.pose),
         **{"x0": x0, "y0": y0, "yaw0": yaw0, "x1": x1, "y1": y1, "yaw1": yaw1},
     }
 

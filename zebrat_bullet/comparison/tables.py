@@ -30,7 +30,7 @@ COLUMNS: dict[str, dict[str, str]] = {
         **{"sim": "string", "place": "string", "family": "string", "difficulty": "float64", "reversals": "int64"},
         **{"track_seed": "int64", "seed": "int64", "episode": "int64", "noise": "string", "outcome": "string"},
         **{"duration_s": "float64", "n_reversals": "int64", "min_gap_m": "float64"},
-        **{"steering_effort_rad": "float64", "distance_m": "float64"},
+        **{"steering_effort_rad": "float64", "distance_m": "float64", "backed_m": "float64"},
         **_POSES,
         "made_by": "string",
     },
@@ -53,10 +53,12 @@ learning: of each run a row for every 20 episodes with the best return among the
 episodes: a judged episode a row. `agent` as `--agent` takes it, never an absolute path; `run` null of what is not
     trained here; `sim` "bullet", "planar" or "mujoco"; `place` a world or a held-out set, and of a set's tracks
     `family`, `difficulty`, `reversals` (of the certificate) and `track_seed`; `noise` "" where there is none;
-    `min_gap_m` the smallest V_obs - V_range; `steering_effort_rad` the sum of |change| of the commanded steering;
-    start pose x0, y0, yaw0 and end pose x1, y1, yaw1 of the body centre in m, m, rad, world frame. Planar cars leave no
-    path: all from `min_gap_m` to `yaw1` is null. `made_by` is a digest of what the outcome depends on (policy,
-    simulator, seed, options, set and how many of its tracks): where it differs, the episodes are driven anew.
+    `n_reversals` how often the commanded speed changed its sign, `backed_m` the longest way in m that the car really
+    drove back in one go (null where its record is gone); `min_gap_m` the smallest V_obs - V_range;
+    `steering_effort_rad` the sum of |change| of the commanded steering; start pose x0, y0, yaw0 and end pose x1, y1,
+    yaw1 of the body centre in m, m, rad, world frame. Planar cars leave no path: all from `min_gap_m` to `yaw1` is
+    null. `made_by` is a digest of what the outcome depends on (policy, simulator, seed, options, set and how many of
+    its tracks): where it differs, the episodes are driven anew.
 paths: of every episode in a world at most 64 places of the body centre in m, to the centimetre, world frame, evenly
     over its steps.
 collisions: a case of the collision study a row, as its cases.csv has them; `detected` of `events` contacts in time.

@@ -165,6 +165,17 @@ def _drive_world(
 
 
 def count_reversals(speeds_mps: NDArray[np.float64]) -> int:
-    """Return how often (T,) commanded speeds change their sign; standing still is no sign."""
+    """Return how often (T,) commanded speeds change their sign, however briefly; standing still is no sign."""
     signs = np.sign(speeds_mps[speeds_mps != 0.0])
     return int((signs[1:] != signs[:-1]).sum())
+
+
+def longest_way_back(poses: NDArray[np.float64]) -> float:
+    """Return how far in m a car drove back in one go.
+
+    Args:
+        poses: (T, 3) x, y in m and yaw in rad, a control step apart.
+    """
+    moved, yaw = np.diff(poses[:, :2], axis=0), poses[:-1, 2]
+    reached = np.concatenate([[0.0], np.cumsum(moved[:, 0] * np.cos(yaw) + moved[:, 1] * np.sin(yaw))])
+    return float((np.maximum.accumulate(reached) - reached).max())

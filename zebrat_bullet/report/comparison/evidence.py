@@ -23,6 +23,8 @@ VARIANTS = {"": "", "crash": "a contact costs 400", "margin": "2 cm from a wall 
 METHODS = ("DWA", "TEB", "IL", "RL_WG", "RL_FT", "RL_FOT", "RL_FOMT")
 """In the order of the paper's Table II."""
 OURS = "RL_FOMT"
+BACKED_M = 0.05
+"""A car has backed up if it drove back so far in one go."""
 Way = NDArray[np.float32]
 """(N, 2) places of the body centre in m, world frame."""
 Scope = Literal["paper", "finetuned", "cloning", "scale"]
@@ -53,6 +55,7 @@ class Drive:
     min_gap_m: float | None
     steering_effort_rad: float | None
     distance_m: float | None
+    backed_m: float | None
     x0: float | None
     y0: float | None
     yaw0: float | None
@@ -87,14 +90,14 @@ def failed(drive: Drive) -> bool:
     return drive.outcome not in ("success", "collision")
 
 
-def reversed_once(drive: Drive) -> bool:
-    """Return whether the car reversed at least once."""
-    return drive.n_reversals > 0
-
-
 def backed_up(drive: Drive) -> bool:
-    """Return whether the car reversed at least once, and left."""
-    return drive.success and reversed_once(drive)
+    """Return whether the car drove back at least `BACKED_M` in one go; a command alone need not move it."""
+    return drive.backed_m is not None and drive.backed_m >= BACKED_M
+
+
+def backed_out(drive: Drive) -> bool:
+    """Return whether the car backed up, and left."""
+    return drive.success and backed_up(drive)
 
 
 def rate(drives: Sequence[Drive], what: Callable[[Drive], bool] = succeeded) -> Rate:
@@ -114,7 +117,7 @@ class Evidence:
         runs, learning, collisions: rows, as dictionaries by column.
         drives: episodes in worlds.
         held_out: counts of episodes on held-out sets: study, method, setting, noise, run, sim, place, family,
-            reversals (of the certificate), outcome, reversed (whether the car reversed), n.
+            reversals (of the certificate), outcome, reversed (whether the commanded speed changed its sign), n.
     """
 
     def __init__(self, tables: Mapping[str, Any]) -> None:

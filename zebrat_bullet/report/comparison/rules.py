@@ -9,7 +9,7 @@ import numpy as np
 
 from zebrat_bullet.report.comparison.evidence import Drive, Evidence, Scope, rate, succeeded
 from zebrat_bullet.report.comparison.shares import compare, share
-from zebrat_bullet.report.comparison.statistics import LEVEL, Difference, holm, paired_test
+from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, LEVEL, Difference, holm, paired_test
 
 MARGIN = 0.05
 """A claim of "more" is denied where the difference is surely smaller than this; and a share nearer than this to 0 or 1
@@ -223,32 +223,42 @@ def _beaten(
 def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Sequence[str] = ()) -> Rule:
     """Return the rule that a method takes less time than each rival in most worlds, from the starts that both leave.
 
-    A rival that never leaves has no time to beat. At scale only rivals that were driven count, but those `needed`
-    always.
+    Of sets whose seeds were judged all runs count, each against each. A rival that never leaves has no time to beat.
+    At scale only rivals that were driven count, but those `needed` always.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         if not evidence.pool(scope, method, places):
             return without(evidence, scope, [method])
-        findings = []
+        own, findings = _policies(evidence, scope, method, places), []
         for name in rivals:
             if scope == "scale" and name not in needed and not any(evidence.shown(scope, name, at) for at in places):
                 continue
             if not evidence.pool(scope, name, places):
                 findings.append(without(evidence, scope, [name]))
                 continue
-            if not any(drive.success for drive in evidence.pool(scope, name, places)):
-                findings.append(Finding(Verdict.UPHELD, f"the policy shown of {name} never leaves"))
+            theirs = _policies(evidence, scope, name, places)
+            if not any(drive.success for at in theirs for drives in at.values() for drive in drives):
+                findings.append(Finding(Verdict.UPHELD, f"{name} never leaves"))
                 continue
-            gained = [_gained_s(*(evidence.shown(scope, each, at) for each in (method, name))) for at in places]
-            known = [s for s in gained if s is not None]
+            pairs = {
+                place: [_gained_s(one[place], other[place]) for one in own for other in theirs] for place in places
+            }
+            known = [float(np.mean(both)) for each in pairs.values() if (both := [s for s in each if s is not None])]
             won, lost = sum(s >= STEP_S for s in known), sum(s <= -STEP_S for s in known)
-            said = f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks"
+            over = f" ({len(own)} x {len(theirs)} runs)" if len(own) * len(theirs) > 1 else ""
+            said = f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks{over}"
             verdict = Verdict.UPHELD if 2 * won > len(known) else Verdict.NOT_UPHELD
             findings.append(Finding(verdict if known else Verdict.UNDECIDED, said))
         return weakest(findings) if findings else NOT_DRIVEN
 
     return rule
+
+
+def _policies(evidence: Evidence, scope: Scope, method: str, places: Sequence[str]) -> list[dict[str, list[Drive]]]:
+    """Return a method's drives by world, a dictionary a run where enough were judged, else of the one shown."""
+    runs = evidence.of_seeds(scope, method, places)
+    return runs if len(runs) >= ENOUGH_SEEDS else [{at: evidence.shown(scope, method, at) for at in places}]
 
 
 def _gained_s(one: Sequence[Drive], other: Sequence[Drive]) -> float | None:

@@ -33,13 +33,13 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
             Text(
                 f"{RULE}\n\nWhere at least {ENOUGH_SEEDS} seeds of the sets concerned were judged, a share is the mean "
                 "over seeds, with a t-interval, and a difference that of two means, with Welch's (Colas et al. 2019: "
-                "with so few seeds a bootstrap is too sure). Else a share is one policy's, with Wilson's interval, and "
-                "a difference is between one policy of each, over episodes, with Newcombe's: it speaks of "
-                "these two policies in these tracks, not of what another seed would have learned, and starts of one "
-                "track resemble each other, so that it is on the narrow side. Verdicts are not corrected for being "
-                "many. The rules are code and see the tables only, but were written, and some of them mended, when "
-                "part of the tables could be seen: they are no preregistration. Sections and figures are numbered as "
-                "in the version on arXiv."
+                "with so few seeds a bootstrap is too sure; of seeds that are all alike, as below, over all their "
+                "episodes). Else a share is one policy's, with Wilson's interval, and a difference is between one "
+                "policy of each, over episodes, with Newcombe's: it speaks of these two policies in these tracks, not "
+                "of what another seed would have learned, and starts of one track resemble each other, so that it is "
+                "on the narrow side. Verdicts are not corrected for being many. The rules are code and see the tables "
+                "only, but were written, and some of them mended, when part of the tables could be seen: they are no "
+                "preregistration. Sections and figures are numbered as in the version on arXiv."
             ),
             Grid(("claim", "what is compared"), rules, wordy=True),
         ),

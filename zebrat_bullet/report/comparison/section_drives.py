@@ -143,7 +143,8 @@ def atlas_section(evidence: Evidence, manifest: Manifest) -> Section:
     said = (
         f"{len(shown):,} drives of every seed and setting, {sum(not drive.success for drive in shown):,} failures, "
         "grouped by track, kind and place (ends of a group lie within 2 m). Runs with a dearer contact or a margin, "
-        "the oracle and the held-out sets are not among them. The filled car is the first of a group, in "
+        "runs after fine-tuning or under the paper's algorithms for longer, the oracle and the held-out sets are not "
+        "among them. The filled car is the first of a group, in "
         "blue the way it came; its command drives it again and films it. The others need another `--episode`, and the "
         "`--agent` and options that stand beside them."
     )

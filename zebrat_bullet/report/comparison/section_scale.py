@@ -132,8 +132,8 @@ def _by_reversals(evidence: Evidence) -> list[Block]:
     drawn = draw_seed_lines(plain, "reversals of the certificate")
     backing = _grid(
         *_shares(evidence, _reversals, lambda row: row["reversed"]),
-        "Episodes in which the car reversed at least once, by the reversals of the certificate: under 0 it need not. "
-        "Mean over seeds, and in brackets from the least to the greatest.",
+        "Episodes in which the commanded speed changed its sign at least once, by the reversals of the certificate: "
+        "under 0 it need not. Mean over seeds, and in brackets from the least to the greatest.",
     )
     return [Picture("held_out_reversals", drawn, "Success by certified reversals"), *blocks, backing]
 

@@ -173,7 +173,13 @@ def more_on_sets(
         together = seeds_difference(x, y, LEVEL / n_together)
         room = 1.0 - sum(y) / len(y) if outcome == "success" else sum(x) / len(x)
         said = f"{outcome}: {said}; {seeds_difference(x, y)}"
-        return decide(together, room, said if n_together == 1 else f"{said}; all {n_together} together {together.span}")
+        return decide(
+            together,
+            room,
+            said
+            if n_together == 1
+            else f"{said}; all {n_together} together {100 * together.low:+.1f} to {100 * together.high:+.1f}",
+        )
 
     return rule
 
