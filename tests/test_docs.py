@@ -6,9 +6,11 @@ import json
 import re
 import shlex
 import tomllib
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
+import pyarrow.parquet as pq
 import pytest
 
 from zebrat_bullet.cli.main import main, make_parser
@@ -201,6 +203,25 @@ def test_the_seeds_of_the_docs_are_those_of_the_record() -> None:
         assert cells[15] == ", ".join(f"{at['width mastered, m'][turn]:.3f}" for turn in ("90", "180")), seed
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_what_the_seeds_of_the_papers_preset_reach_is_that_of_the_records(seed: int) -> None:
+    text = (DOCS / "learning.md").read_text(encoding="utf-8")
+    at = json.loads((DOCS / f"results/judged/fomt/ddpg-seed{seed}.json").read_text(encoding="utf-8"))
+    shares = [of_world["success"] for of_world in at.values()]
+    cells = " | ".join(f"{100 * share:.0f}" for share in [*shares, sum(shares) / len(shares)])
+    assert f"| the paper's preset, seed {seed} | {cells} |" in text
+    with zipfile.ZipFile(DOCS / "results/algorithms.zip") as archive:
+        at = json.loads(archive.read(f"ddpg-fomt-big_track-seed{seed}/scores.json"))["big_track"]
+    low, high = at["success_ci"]
+    said = f"{at['success']:.0%} ({low:.0%}-{high:.0%})".replace("%", "").replace(" (", " % (").replace(")", " %)")
+    (row,) = re.findall(rf"^\| (?:DDPG, )?seed {seed} \| [23]\d\d,.*$", text.split("What each run became")[1], re.M)[:1]
+    assert f"{said}, {at['time_s']:.1f} s" in row
+    kept = [("run", "=", f"paper-fomt/ddpg-fomt-big_track-seed{seed}"), ("place", "=", "big_track")]
+    drives = pq.read_table(DOCS / "results/comparison/episodes.parquet", columns=["outcome"], filters=kept)
+    assert drives.num_rows == at["episodes"] == 70
+    assert drives["outcome"].to_pylist().count("success") == at["causes"]["success"]
+
+
 def test_every_extra_is_in_the_table_of_extras() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     told = re.findall(r"^\| `(\w+)` \|", (DOCS / "installing.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -239,7 +260,14 @@ def test_the_five_minute_start_does_what_it_says(
         assert Path(file).stat().st_size > 5000, file
 
 
-@pytest.mark.parametrize("name, said", [("your_own_reward.md", "-0.15"), ("compare.md", "collision")])
+@pytest.mark.parametrize(
+    "name, said",
+    [
+        ("your_own_reward.md", "-0.15"),
+        ("compare.md", "collision"),
+        ("staying.md", "dead ends: 273 to 448 in 70 steps, 3.9 to 6.4 a step"),
+    ],
+)
 def test_the_examples_of_a_page_run(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     kept = dict(TERMS)
     blocks = [

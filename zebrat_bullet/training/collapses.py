@@ -124,9 +124,9 @@ def circling(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
 def paid_to_stay(record: EpisodeRecord, config: WatchdogConfig) -> str | None:
     """Return what shows that the car earned more than the exit is worth, was cut off, and was still being paid.
 
-    A return above the exit's worth alone says nothing: drivers that leave earn 218 to 1,365. Nor does one that drove
-    well and then stopped stay for the pay: standing costs 1 to 11 a step in every place and reward measured. What the
-    way to a waypoint pays does not count: a car that was slow was still on its way out.
+    A return above the exit's worth alone says nothing: drivers that leave earn far more (docs/staying.md). Nor does one
+    that drove well and then stopped stay for the pay: standing costs. What the way to a waypoint pays does not count: a
+    car that was slow was still on its way out.
     """
     task = _task(record)
     staying = record.reward - record.terms[:, record.term_names.index("W")]

@@ -15,7 +15,7 @@ COUNTED = {"detected": "in time", "within_1_s": "within 1 s"}
 LAST_PART = 0.1
 """Of a training run, whose best returns say what it has come to."""
 AT_SCALE_STEPS = 1_000_000
-"""The shortest run that says something of what more training changes; the paper's own take up to 350,000 steps."""
+"""The shortest run that says something of what more training changes; those of 1,000 episodes take far fewer."""
 
 
 def base_cases(evidence: Evidence, walls: str) -> dict[str, dict[str, Any]]:
