@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from zebrat_bullet.cli.main import main
 from zebrat_bullet.comparison.manifest import read_manifest
 from zebrat_bullet.comparison.named import folder_name
 from zebrat_bullet.comparison.policies import Place
@@ -102,3 +103,37 @@ def test_a_world_named_by_its_path_is_judged_in_a_folder_of_the_comparison(mine:
         manifest.write_text(OWN.format(agent="random", world=alike, options=""), encoding="utf-8")
         with pytest.raises(ConfigError, match="would share"):
             steps(Place(manifest=read_manifest(manifest), budget="all", out=mine / "out", checkout=ROOT))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"world": "track_99"}, "judgements.own of the manifest cannot be driven: no worlds named 'track_99'"),
+        ({"agent": "nope.py:Nope"}, "judgements.own of the manifest cannot be driven: no file nope.py"),
+        ({"agent": "nobody"}, "judgements.own of the manifest cannot be driven: no agent 'nobody'"),
+        (
+            {"options": "--castr, embree"},
+            "judgements.own of the manifest cannot be driven: unrecognized arguments: --castr",
+        ),
+        ({"options": "--set, task.lidar.rnge_max_m=4"}, "cannot set 'lidar.rnge_max_m=4'"),
+        ({"options": "--caster, mujoco"}, "--caster mujoco casts its rays in MuJoCo"),
+    ],
+)
+def test_a_judgement_of_what_there_is_not_is_refused_by_the_plan_before_anything_runs(
+    mine: Path, wrong: dict[str, str], said: str, capfd: pytest.CaptureFixture[str]
+):
+    call = ["reproduce", "--manifest", str(written(mine, **wrong)), "--budget", "all", "--out", str(mine / "out")]
+    assert main([*call, "--plan"]) == 2
+    assert said in capfd.readouterr().err
+    assert not (mine / "out").exists()
+
+
+def test_a_set_that_there_is_not_and_a_driver_that_planar_cars_cannot_have_are_refused(
+    mine: Path, capfd: pytest.CaptureFixture[str]
+):
+    on_sets = OWN.replace('worlds: ["{world}"]', 'sets: ["{world}"]\n    sim: planar').replace("[{options}]", "[]")
+    path = mine / "manifest.yaml"
+    for agent, name, said in (("shipped", "nowhere", "no worlds/sets named 'nowhere'"), ("dwa", "corners", "dwa")):
+        path.write_text(on_sets.format(agent=agent, world=name), encoding="utf-8")
+        assert main(["reproduce", "--manifest", str(path), "--budget", "all", "--plan", "--out", str(mine / "o")]) == 2
+        assert said in capfd.readouterr().err

@@ -224,12 +224,16 @@ class Judge:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)
             path.write_text(json.dumps(made_by), encoding="utf-8")
+        return [*self.evaluation(self.agent()), "--workers", "1", "--out", str(self.folder), "--quiet"]
+
+    def evaluation(self, agent: str) -> list[str]:
+        """Return what is asked of `zebrat evaluate`, but for how and where."""
         where = ["--set", self.cell.place] if self.cell.is_set else ["--worlds", self.cell.place]
-        tracks = ["--tracks", str(made_by["tracks"])] if made_by["tracks"] else []
+        n_tracks = self._n_tracks()
         return [
-            *("evaluate", "--agent", self.agent(), *where, *tracks, "--sim", self.cell.sim),
-            *("--episodes", str(self.cell.episodes), "--seed", str(self.how.seed), *self.how.options),
-            *("--workers", "1", "--out", str(self.folder), "--quiet"),
+            *("evaluate", "--agent", agent, *where, *(["--tracks", str(n_tracks)] if n_tracks else [])),
+            *("--sim", self.cell.sim, "--episodes", str(self.cell.episodes), "--seed", str(self.how.seed)),
+            *self.how.options,
         ]
 
 
