@@ -160,6 +160,14 @@ def test_a_lidar_mounted_at_a_tilt_is_refused(robot: RobotModel) -> None:
     PlanarSimulation(replace(robot, lidar_rpy=np.array([0.0, 0.0, 1.0])), TaskConfig(), np.arange(360), [FIELD], 1)
 
 
+@pytest.mark.parametrize("weights", [[1.0, 1.0], [0.0], [-1.0], [np.nan], [np.inf], ["a"], 1.0, [[1.0]], "much"])
+def test_weights_that_are_no_chances_of_the_worlds_are_refused_when_they_are_set(weights: object) -> None:
+    drive = PlanarDrive(TaskConfig(), [FIELD], 4)
+    with pytest.raises(ConfigError, match="weights must be 1 numbers, one for each world, none below 0 and one above"):
+        drive.weights = weights  # type: ignore[assignment]
+    assert drive.weights is None
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_non_finite_action_names_car_and_step_and_nothing_is_simulated(bad: float) -> None:
     drive = PlanarDrive(TaskConfig(), [FIELD], 4)

@@ -19,7 +19,7 @@ from zebrat_bullet.cli.common import (
     progress_bar,
     told_when_stopped,
 )
-from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
+from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set, sort_set
 from zebrat_bullet.cli.options import (
     agents_option,
     engine_option,
@@ -99,7 +99,7 @@ def require_evaluable(arguments: argparse.Namespace) -> None:
 
 def _settle(arguments: argparse.Namespace) -> None:
     """Part what --set says, refuse options that do not go together, and say what drives."""
-    _sort_set(arguments)
+    sort_set(arguments)
     if arguments.generated and arguments.set:
         raise ConfigError("--generated and --set both say what to drive; give one")
     if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
@@ -207,7 +207,7 @@ def video(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
-    _sort_set(arguments)
+    sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
     name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
@@ -225,18 +225,6 @@ def video(arguments: argparse.Namespace) -> Result:
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
-
-
-def _sort_set(arguments: argparse.Namespace) -> None:
-    """Part what --set says: settings of the task (with "="), and the name of a held-out set."""
-    arguments.set_task = [text for text in arguments.set if "=" in text]
-    named = [text for text in arguments.set if "=" not in text]
-    wrong = [text for text in arguments.set_task if not text.startswith("task.")]
-    if len(named) > 1 or wrong:
-        raise ConfigError(
-            f"--set names one held-out set, or settings as task.KEY=VALUE, got {', '.join(named[:3] + wrong)}"
-        )
-    arguments.set = named[0] if named else None
 
 
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:
