@@ -59,6 +59,13 @@ budgets:
     trainings: {short: []}
     judgements: {learned: {}, random: {}, held-out: {}}
 """
+LOST = """class Lost:
+    name, privileged = "lost", frozenset()
+    act, reset = lambda self, reading: 1 / 0, lambda self, seed: None
+
+    def __init__(self, task):
+        pass
+"""
 SPEED = {"train ddpg, PyBullet": 50.0, "a policy": 1.0, "random": 0.5, "start": 4.0, "a set": 10.0}
 
 
@@ -262,14 +269,17 @@ def test_the_whole_name_of_a_step_chooses_that_step_alone(tiny: Path, capfd: pyt
 
 def test_a_failing_step_is_reported_at_the_end_and_the_others_go_on(tiny: Path, capfd: pytest.CaptureFixture[str]):
     path = tiny / "manifest.yaml"
-    path.write_text(TINY.replace("agent: random", "agent: nobody"), encoding="utf-8")
+    lost = tiny / "lost.py"
+    lost.write_text(LOST, encoding="utf-8")
+    path.write_text(TINY.replace("agent: random", f"agent: '{lost}:Lost'"), encoding="utf-8")
     call = ["reproduce", "--manifest", str(path), "--budget", "all", "--out", str(tiny / "out"), "--json"]
     assert main([*call, "--only", "judge"]) == 1
     said = capfd.readouterr()
     failed = json.loads(said.out.splitlines()[-1])["failed"]
-    assert set(failed) == {"judge learned/short-ddpg-ft/track_2", "judge random/nobody/track_2"}
+    (own,) = (name for name in failed if name.startswith("judge random/"))
+    assert set(failed) == {"judge learned/short-ddpg-ft/track_2", own}
     assert "'short' has no policy of ddpg under ft yet" in failed["judge learned/short-ddpg-ft/track_2"]
-    assert "nobody" in failed["judge random/nobody/track_2"]
+    assert "lost.py, line 3: act fails: ZeroDivisionError" in failed[own]
     (judged,) = (step for step in steps(place(tiny)) if step.name.startswith("judge held-out"))
     assert judged.is_done()
 

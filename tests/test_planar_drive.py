@@ -1,5 +1,6 @@
 """Episodes of planar cars: same seed, same numbers; nothing leaks from one car, world or drive to another."""
 
+import json
 import pickle
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from boxes import box_world
 from planar_cars import FIELD
 
 from zebrat_bullet.config import DynamicsConfig, EpisodeConfig, NoiseConfig, ObservationConfig, TaskConfig
+from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.planar.drive import N_STARTS, PlanarDrive, PlanarStep
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.types import Commands, Pose2
@@ -68,6 +70,43 @@ def test_a_loaded_state_goes_on_bit_for_bit_also_elsewhere_and_from_a_file(world
     for here in (drive, elsewhere):
         assert np.array_equal(here.load(*pickle.loads(kept)), seen)
         assert same([here.step(action) for action in actions(2, 30)], on)
+
+
+def test_a_state_carries_the_chances_of_the_worlds_and_is_refused_where_worlds_or_task_are_others(
+    worlds: list[World],
+) -> None:
+    drive = PlanarDrive(TASK, worlds[:2], N, seed=1)
+    drive.weights = [1.0, 3.0]
+    drive.add_worlds(worlds[2:])
+    plain, arrays = drive.state()
+    plain = json.loads(json.dumps(plain))
+    on = [drive.step(action) for action in actions(2, 30)]
+    same_worlds = PlanarDrive(replace(TASK, lidar=replace(TASK.lidar, caster="embree")), worlds, N)
+    same_worlds.load(plain, arrays)
+    assert np.array_equal(same_worlds.weights, drive.weights)
+    assert same([same_worlds.step(action) for action in actions(2, 30)], on)
+    slower = PlanarDrive(replace(TASK, episode=EpisodeConfig(max_steps=26)), worlds, N)
+    with pytest.raises(ConfigError, match="of another task; load it into cars of the task"):
+        slower.load(plain, arrays)
+    fewer = PlanarDrive(TASK, worlds[:2], N)
+    with pytest.raises(ConfigError, match="among 3 worlds, here are 2; call add_worlds first"):
+        fewer.load(plain, arrays)
+    with pytest.raises(ConfigError, match="among other worlds; give the cars those, in the same order"):
+        PlanarDrive(TASK, worlds[::-1], N).load(plain, arrays)
+    older = {name: plain[name] for name in ("n_steps", "rng")}  # as earlier versions have it
+    same_worlds.load(older, arrays)
+    assert same_worlds.weights is None
+
+
+def test_cars_tell_their_poses_in_the_frames_of_their_worlds(worlds: list[World]) -> None:
+    drive = PlanarDrive(TASK, worlds, 3)
+    there = np.array([tuple(world.start.pose) for world in worlds])
+    drive.begin_at(np.arange(3), there)
+    poses = drive.poses()
+    assert poses.dtype == np.float64 and poses == pytest.approx(there, abs=1e-6)
+    drive.step(np.ones((3, 2), np.float32))
+    assert (np.linalg.norm((drive.poses() - poses)[:, :2], axis=1) > 0.005).all()
+    assert np.abs(drive.sim.origin).max() > 0.5  # from which the simulation measures
 
 
 def test_a_state_is_a_copy(worlds: list[World]) -> None:
@@ -130,9 +169,12 @@ def test_added_worlds_are_driven_from_then_on(worlds: list[World]) -> None:
     drive.add_worlds(worlds[1:])
     drive.reset()
     assert set(drive.sim.world.tolist()) == {0, 1, 2}
-    drive.weights = np.array([0.0, 0.0, 1.0])
+    drive.weights = np.array([0.0, 0.0, 5.0])
+    assert drive.weights.tolist() == [0.0, 0.0, 1.0]
     drive.reset()
     assert set(drive.sim.world.tolist()) == {2}
+    drive.add_worlds(worlds[:1])
+    assert drive.weights.tolist() == pytest.approx([0.0, 0.0, 0.75, 0.25])  # as often as the others' mean
 
 
 def test_each_world_is_drawn_as_often_as_the_others(worlds: list[World]) -> None:

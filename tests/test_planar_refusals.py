@@ -2,8 +2,10 @@
 
 import copy
 import pickle
+import re
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 import shapely
@@ -160,6 +162,14 @@ def test_a_lidar_mounted_at_a_tilt_is_refused(robot: RobotModel) -> None:
     PlanarSimulation(replace(robot, lidar_rpy=np.array([0.0, 0.0, 1.0])), TaskConfig(), np.arange(360), [FIELD], 1)
 
 
+@pytest.mark.parametrize("weights", [[1.0, 1.0], [0.0], [-1.0], [np.nan], [np.inf], ["a"], 1.0, [[1.0]], "much"])
+def test_weights_that_are_no_chances_of_the_worlds_are_refused_when_they_are_set(weights: object) -> None:
+    drive = PlanarDrive(TaskConfig(), [FIELD], 4)
+    with pytest.raises(ConfigError, match="weights must be 1 numbers, one for each world, none below 0 and one above"):
+        drive.weights = weights  # type: ignore[assignment]
+    assert drive.weights is None
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_non_finite_action_names_car_and_step_and_nothing_is_simulated(bad: float) -> None:
     drive = PlanarDrive(TaskConfig(), [FIELD], 4)
@@ -243,3 +253,34 @@ def test_planar_cars_are_neither_stepped_before_a_reset_nor_copied() -> None:
     for copied in (copy.deepcopy, pickle.dumps):
         with pytest.raises(EpisodeError, match="cannot be copied or pickled"):
             copied(env)
+
+
+@pytest.mark.parametrize("options", [{"pose": (0.0, 0.0, 0.0)}, [{}, {"pose": (0.0, 0.0, 0.0)}]])
+def test_options_of_sb3s_reset_are_refused_as_those_of_gymnasiums(options: dict | list) -> None:
+    cars = PlanarVecEnv(PlanarVectorEnv(2, "track_2"))
+    with pytest.raises(ConfigError, match=r"takes no options, got .*pose.*; drive.begin_at places cars"):
+        cars.set_options(options)
+    for none in (None, {}, [{}, {}]):
+        cars.set_options(none)
+    assert len(cars.reset()) == 2
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ({"discrete": True}, "no discrete=True; their actions are continuous"),
+        (
+            {"max_episode_steps": 5},
+            "no max_episode_steps=5; say it in the task: task={'episode'",
+        ),
+        ({"wrld": "track_2"}, "no wrld='track_2'; they take worlds, start, goal"),
+        ({"vectorization_mode": "sync"}, "planar cars are many at once: call gymnasium.make_vec"),
+    ],
+)
+def test_settings_that_planar_cars_do_not_have_are_told_what_to_use_instead(
+    setting: dict[str, object], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        gymnasium.make_vec("ZebraT/Planar-v0", num_envs=2, **setting)
+    with pytest.raises(ConfigError, match="planar cars are many at once"):
+        gymnasium.make("ZebraT/Planar-v0")

@@ -1,14 +1,19 @@
 """The commands of the paper's comparison: run it, report on it."""
 
 import argparse
+import io
+import warnings
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, note, require_default
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.cli.common import AddCommand, PartialResultError, Result, name_robot, note, require_default
+from zebrat_bullet.cli.driving import require_evaluable
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.notes import Note
 
 if TYPE_CHECKING:
-    from zebrat_bullet.comparison.steps import Step
+    from zebrat_bullet.comparison.steps import Judge, Step
 
 _SHOWN = 5
 _RECORDS = Path("docs") / "results" / "comparison"
@@ -33,6 +38,7 @@ def reproduce(arguments: argparse.Namespace) -> Result:
     planned = _chosen(steps(place, arguments.ray), arguments.only)
     if not arguments.gather:
         to_do = [step for step in planned if not step.is_done()]
+        _require_drivable(to_do)
         note(arguments, f"measuring what {len(to_do)} steps are made of" if to_do else "all steps are done")
         said = forecast(place, planned, to_do, measure(place, to_do))
         if arguments.plan:
@@ -70,6 +76,54 @@ def _chosen(planned: "list[Step]", only: list[str] | None) -> "list[Step]":
         some = ", ".join(step.name for step in planned[:_SHOWN])
         raise ConfigError(f"no step is called {', '.join(only)}; there are {some}, ... (--plan lists all with --json)")
     return chosen
+
+
+def _require_drivable(to_do: "list[Step]") -> None:
+    """Refuse judgements that `zebrat evaluate` would refuse, before hours of work.
+
+    Each agent and each place of a judgement is tried once; of policies that are yet to be learned the place alone.
+
+    Raises:
+        ConfigError: there is no such agent, place or option; the message names the judgement.
+    """
+    from zebrat_bullet.comparison.steps import Judge
+
+    tried = set[tuple[str, str]]()
+    for step in to_do:
+        if not isinstance(step, Judge):
+            continue
+        name, place = step.cell.judgement, step.cell.place
+        try:
+            agent = step.agent()
+        except ConfigError:
+            agent = ""
+        if tried >= {(name, agent), (name, place)}:
+            continue
+        tried |= {(name, agent), (name, place)}
+        try:
+            _try_judgement(step, agent)
+        except ZebratError as error:
+            raise ConfigError(f"judgements.{name} of the manifest cannot be driven: {error}") from error
+
+
+def _try_judgement(step: "Judge", agent: str) -> None:
+    from zebrat_bullet.cli.main import parse  # which knows this command too
+    from zebrat_bullet.world import sketch_world
+
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            arguments = parse([*step.evaluation(agent or "random"), "--quiet"])
+    except SystemExit:
+        raise ConfigError(said.getvalue().strip().rpartition("error: ")[2]) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Note)  # they are said when it is driven
+        name_robot(arguments)
+        if not agent:
+            arguments.agent = []
+            if not step.cell.is_set:
+                sketch_world(step.cell.place)
+        require_evaluable(arguments)
 
 
 def report(arguments: argparse.Namespace) -> Result:

@@ -19,7 +19,7 @@ from zebrat_bullet.cli.common import (
     progress_bar,
     told_when_stopped,
 )
-from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set
+from zebrat_bullet.cli.held_out import evaluate_generated, evaluate_set, sort_set
 from zebrat_bullet.cli.options import (
     agents_option,
     engine_option,
@@ -48,22 +48,7 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.evaluation.judge import require_drivable
     from zebrat_bullet.report.tables import comparison_table
 
-    _sort_set(arguments)
-    if arguments.generated and arguments.set:
-        raise ConfigError("--generated and --set both say what to drive; give one")
-    if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
-        raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
-    planar_drives = bool(arguments.generated or arguments.set)
-    if planar_drives and given(arguments, ["worlds"]):
-        raise ConfigError("--worlds, --set and --generated each say what to drive; give one of them")
-    if arguments.tracks is not None and not arguments.set:
-        raise ConfigError("--tracks goes with --set NAME, of which it takes so many; leave it out")
-    if arguments.sim == "planar" and not planar_drives:
-        raise ConfigError(
-            "--sim planar: planar cars drive --set NAME or --generated N, not --worlds; give one of these, or --sim "
-            "bullet or mujoco"
-        )
-    arguments.sim = arguments.sim or ("planar" if planar_drives else "bullet")
+    _settle(arguments)
     if arguments.generated:
         return evaluate_generated(arguments)
     if arguments.set:
@@ -87,6 +72,49 @@ def evaluate(arguments: argparse.Namespace) -> Result:
     (out / "comparison.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
     (out / "comparison.md").write_text(table + "\n", encoding="utf-8")
     return result, f"{table}\n\nrecords, scores and a table for each agent: {out}"
+
+
+def require_evaluable(arguments: argparse.Namespace) -> None:
+    """Refuse what `evaluate` would refuse with these options, and drive nothing.
+
+    Raises:
+        ZebratError: an option, an agent, a world or a set is wrong.
+    """
+    from zebrat_bullet.agents import load_agent
+    from zebrat_bullet.evaluation.endings import as_policy
+    from zebrat_bullet.evaluation.judge import require_drivable
+    from zebrat_bullet.evaluation.track_set import read_set
+
+    _settle(arguments)
+    if arguments.set:
+        read_set(arguments.set)
+    for name in arguments.agent:
+        if not arguments.set:
+            require_drivable(_judgement(arguments, name, Path()))
+            continue
+        agent = load_agent(name, own_task_of(arguments, name))
+        if arguments.sim == "planar":
+            as_policy(agent, name)
+
+
+def _settle(arguments: argparse.Namespace) -> None:
+    """Part what --set says, refuse options that do not go together, and say what drives."""
+    sort_set(arguments)
+    if arguments.generated and arguments.set:
+        raise ConfigError("--generated and --set both say what to drive; give one")
+    if (arguments.generated or arguments.set) and (arguments.start or arguments.goal or arguments.exit):
+        raise ConfigError("--start, --goal and --exit go with one of --worlds, not with --generated or --set")
+    planar_drives = bool(arguments.generated or arguments.set)
+    if planar_drives and given(arguments, ["worlds"]):
+        raise ConfigError("--worlds, --set and --generated each say what to drive; give one of them")
+    if arguments.tracks is not None and not arguments.set:
+        raise ConfigError("--tracks goes with --set NAME, of which it takes so many; leave it out")
+    if arguments.sim == "planar" and not planar_drives:
+        raise ConfigError(
+            "--sim planar: planar cars drive --set NAME or --generated N, not --worlds; give one of these, or --sim "
+            "bullet or mujoco"
+        )
+    arguments.sim = arguments.sim or ("planar" if planar_drives else "bullet")
 
 
 def _judgement(arguments: argparse.Namespace, agent: str, out: Path) -> "Judgement":
@@ -179,7 +207,7 @@ def video(arguments: argparse.Namespace) -> Result:
     from zebrat_bullet.task.drive import Drive
     from zebrat_bullet.world import load_world
 
-    _sort_set(arguments)
+    sort_set(arguments)
     task = own_task_of(arguments, arguments.agent)
     (reference,) = placed(arguments, [arguments.world])
     name = f"{file_name(arguments.agent)}-{Path(arguments.world).stem}{of_engine(arguments)}.mp4"
@@ -197,18 +225,6 @@ def video(arguments: argparse.Namespace) -> Result:
     path = _write_video(arguments, record)
     result = {"video": str(path), "outcome": record.outcome, "duration_s": record.duration_s}
     return result, f"{record.outcome} after {record.duration_s:.1f} s: {path}"
-
-
-def _sort_set(arguments: argparse.Namespace) -> None:
-    """Part what --set says: settings of the task (with "="), and the name of a held-out set."""
-    arguments.set_task = [text for text in arguments.set if "=" in text]
-    named = [text for text in arguments.set if "=" not in text]
-    wrong = [text for text in arguments.set_task if not text.startswith("task.")]
-    if len(named) > 1 or wrong:
-        raise ConfigError(
-            f"--set names one held-out set, or settings as task.KEY=VALUE, got {', '.join(named[:3] + wrong)}"
-        )
-    arguments.set = named[0] if named else None
 
 
 def _write_video(arguments: argparse.Namespace, record: Any) -> Path:

@@ -89,6 +89,18 @@ def _make(arguments: argparse.Namespace) -> Result:
     return result, text
 
 
+def sort_set(arguments: argparse.Namespace) -> None:
+    """Part what --set says: settings of the task (with "="), and the name of a held-out set."""
+    arguments.set_task = [text for text in arguments.set if "=" in text]
+    named = [text for text in arguments.set if "=" not in text]
+    wrong = [text for text in arguments.set_task if not text.startswith("task.")]
+    if len(named) > 1 or wrong:
+        raise ConfigError(
+            f"--set names one held-out set, or settings as task.KEY=VALUE, got {', '.join(named[:3] + wrong)}"
+        )
+    arguments.set = named[0] if named else None
+
+
 def evaluate_set(arguments: argparse.Namespace) -> Result:
     """Judge agents on a held-out set; write scores, tables and how every episode ended."""
     from zebrat_bullet.evaluation.endings import Endings

@@ -49,7 +49,7 @@ _NOT_WRITABLE = (
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its status: 0, 1 after part of the work, 2 after a user's mistake, 3 after ours."""
-    arguments = _parse(sys.argv[1:] if argv is None else argv)
+    arguments = parse(sys.argv[1:] if argv is None else argv)
     status = 0
     say_notes_in_a_line()
     with _real_stdout() as stdout:
@@ -99,8 +99,8 @@ def _say(text: str, stdout: TextIO, command: str) -> int:
     return 0
 
 
-def _parse(argv: list[str]) -> argparse.Namespace:
-    """Return the options, and in `given` the names of those that are there, be it with their default."""
+def parse(argv: list[str]) -> argparse.Namespace:
+    """Return the options of a call, and in `given` the names of those that are there, be it with their default."""
     arguments = make_parser().parse_args(argv)
     no_value: list[str] = []  # a list, for options that add to one
     again = argparse.Namespace(**dict.fromkeys(vars(arguments), no_value))

@@ -8,10 +8,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-from zebrat_bullet.assets import find_asset, list_assets
 from zebrat_bullet.comparison.cells import Cell, cells
 from zebrat_bullet.comparison.manifest import Contacts, Judgement
-from zebrat_bullet.comparison.policies import Place, best_model, best_policy, sha256
+from zebrat_bullet.comparison.named import digest_of_agent, digest_of_world, folder_name
+from zebrat_bullet.comparison.policies import Place, best_model, best_policy
 from zebrat_bullet.comparison.records import digest, read_records
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
@@ -145,11 +145,11 @@ class Judge:
         """Where scores and records are."""
         cell = self.cell
         if cell.agent:
-            who = "".join(letter if letter.isalnum() or letter in "._-=" else "-" for letter in cell.agent)
+            who = folder_name(cell.agent)
         else:
             folder = self.place.training_folder(cell.training).name
             who = f"{folder}-{cell.algorithm}-{cell.reward}" + ("" if cell.seed is None else f"-seed{cell.seed}")
-        return self.place.out / "judged" / cell.judgement / who / cell.place
+        return self.place.out / "judged" / cell.judgement / who / folder_name(cell.place)
 
     @property
     def how(self) -> Judgement:
@@ -177,11 +177,10 @@ class Judge:
 
     def made_by(self) -> dict[str, Any]:
         """Return what the outputs depend on but for the number of episodes; the agent by a portable name."""
-        agent = self.agent()
-        is_policy = is_file(agent) or agent in list_assets("policies", ".safetensors")
-        return {
+        agent, world = self.agent(), None if self.cell.is_set else digest_of_world(self.cell.place)
+        made_by = {
             "agent": self.place.portable(Path(agent)) if is_file(agent) else agent,
-            "sha256": sha256(find_asset("policies", agent, ".safetensors")) if is_policy else "",
+            "sha256": digest_of_agent(agent),
             "sim": self.cell.sim,
             "seed": self.how.seed,
             "options": list(self.how.options),
@@ -189,6 +188,7 @@ class Judge:
             "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
+        return made_by if world is None else made_by | {"world": world}
 
     def is_done(self) -> bool:
         """Return whether it is driven, or kept."""
@@ -200,7 +200,7 @@ class Judge:
             return False
         try:
             key = digest(self.made_by()), self.cell.place
-        except ConfigError:  # nobody has learned to drive it yet
+        except ZebratError:  # nobody has learned to drive it yet, or what is named is not there
             return False
         episodes = [row["episode"] for row in read_records(records).episodes.get(key, ())]
         return bool(episodes) and max(episodes) + 1 >= self.cell.episodes
@@ -224,12 +224,16 @@ class Judge:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)
             path.write_text(json.dumps(made_by), encoding="utf-8")
+        return [*self.evaluation(self.agent()), "--workers", "1", "--out", str(self.folder), "--quiet"]
+
+    def evaluation(self, agent: str) -> list[str]:
+        """Return what is asked of `zebrat evaluate`, but for how and where."""
         where = ["--set", self.cell.place] if self.cell.is_set else ["--worlds", self.cell.place]
-        tracks = ["--tracks", str(made_by["tracks"])] if made_by["tracks"] else []
+        n_tracks = self._n_tracks()
         return [
-            *("evaluate", "--agent", self.agent(), *where, *tracks, "--sim", self.cell.sim),
-            *("--episodes", str(self.cell.episodes), "--seed", str(self.how.seed), *self.how.options),
-            *("--workers", "1", "--out", str(self.folder), "--quiet"),
+            *("evaluate", "--agent", agent, *where, *(["--tracks", str(n_tracks)] if n_tracks else [])),
+            *("--sim", self.cell.sim, "--episodes", str(self.cell.episodes), "--seed", str(self.how.seed)),
+            *self.how.options,
         ]
 
 
@@ -246,7 +250,7 @@ def steps(place: Place, ray: str | None = None) -> list[Step]:
         ray: address of a Ray cluster for the trainings; None trains here.
 
     Raises:
-        ConfigError: a training cannot be run as the manifest says.
+        ConfigError: a training cannot be run as the manifest says, or two judgements would share a folder.
     """
     plan = place.plan
     made: list[Step] = []
@@ -256,7 +260,17 @@ def steps(place: Place, ray: str | None = None) -> list[Step]:
         place.runs(name)  # a wrong setting is told before hours of driving
         for folder, sweep in place.sweeps(name).items():
             made.append(Train(place=place, training=name, sweep=sweep, folder=folder, ray=ray))
-    return [*made, *(Judge(place=place, cell=cell) for cell in cells(place.manifest, place.budget))]
+    judges = [Judge(place=place, cell=cell) for cell in cells(place.manifest, place.budget)]
+    named: dict[Path, Cell] = {}
+    for judge in judges:
+        other = named.setdefault(judge.folder, judge.cell)
+        if other is not judge.cell:
+            alike = " and ".join(f"{cell.agent or cell.training} in {cell.place}" for cell in (other, judge.cell))
+            raise ConfigError(
+                f"judgements.{other.judgement} names {alike}, which would share {judge.folder}; name each once, and "
+                "move files whose paths differ by signs alone"
+            )
+    return [*made, *judges]
 
 
 def _in_order(place: Place) -> Iterator[str]:

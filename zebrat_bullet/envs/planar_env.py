@@ -1,8 +1,9 @@
 """A gymnasium VectorEnv of planar cars: wiring only. The task itself is `zebrat_bullet.planar.drive.PlanarDrive`."""
 
 from collections.abc import Mapping, Sequence
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -21,6 +22,12 @@ from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World, load_worlds
+
+_INSTEAD = {
+    "discrete": "their actions are continuous, (N, 2); PyBullet's ZebraT/BigTrackDiscrete-v0 has the six actions",
+    "max_episode_steps": "say it in the task: task={'episode': {'max_steps': N}}",
+    "world": "name worlds, one or several",
+}
 
 
 class PlanarVectorEnv(VectorEnv):
@@ -87,11 +94,7 @@ class PlanarVectorEnv(VectorEnv):
             EpisodeError: the cars are closed.
         """
         self._refuse_closed("reset")
-        if options:
-            raise ConfigError(
-                f"reset of planar cars takes no options, got {shown(repr(options))}; drive.begin_at places cars, and "
-                "PyBullet's env begins an episode by its number"
-            )
+        refuse_options(options)
         super().reset(seed=seed)
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}
@@ -157,3 +160,41 @@ class PlanarVectorEnv(VectorEnv):
             info |= {"outcome": names, "is_success": outcome == Outcome.SUCCESS.code, "final_obs": last}
             info |= {"_outcome": ended, "_is_success": ended, "_final_obs": ended}
         return info
+
+
+def refuse_options(options: object) -> None:
+    """Refuse options of a reset: nothing of planar cars heeds any.
+
+    Raises:
+        ConfigError: there are some; says what to do instead.
+    """
+    if options:
+        raise ConfigError(
+            f"reset of planar cars takes no options, got {shown(repr(options))}; drive.begin_at places cars, and "
+            "PyBullet's env begins an episode by its number"
+        )
+
+
+def make_planar(num_envs: int = 1, **settings: Any) -> PlanarVectorEnv:
+    """Return a `PlanarVectorEnv`; what `gymnasium.make_vec` calls.
+
+    Raises:
+        ConfigError: it has no such setting; the message lists those there are.
+    """
+    known = list(signature(PlanarVectorEnv).parameters)[1:]
+    for name in settings.keys() - known:
+        instead = _INSTEAD.get(name, f"they take {', '.join(known)}")
+        raise ConfigError(f"planar cars take no {name}={shown(repr(settings[name]))}; {instead}")
+    return PlanarVectorEnv(num_envs, **settings)
+
+
+def refuse_single(**settings: Any) -> NoReturn:
+    """Refuse to make one car; what `gymnasium.make` calls.
+
+    Raises:
+        ConfigError: always; says what to call instead.
+    """
+    raise ConfigError(
+        "planar cars are many at once: call gymnasium.make_vec('ZebraT/Planar-v0', num_envs=N) without "
+        "vectorization_mode; one car in PyBullet is gymnasium.make('ZebraT/BigTrack-v0')"
+    )

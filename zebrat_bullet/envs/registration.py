@@ -19,7 +19,8 @@ def env_id(world: str, discrete: bool = False) -> str:
 def register_envs() -> None:
     """Register every shipped world and the planar cars."""
     if PLANAR_ID not in gymnasium.registry:
-        gymnasium.register(PLANAR_ID, vector_entry_point="zebrat_bullet.envs.planar_env:PlanarVectorEnv")
+        where = "zebrat_bullet.envs.planar_env"
+        gymnasium.register(PLANAR_ID, f"{where}:refuse_single", vector_entry_point=f"{where}:make_planar")
     for world in list_assets("worlds", ".yaml"):
         for discrete in (False, True):
             if env_id(world, discrete) not in gymnasium.registry:

@@ -9,20 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from zebrat_bullet.arrays import Array, like, namespace, on_host
 from zebrat_bullet.config import TaskConfig, require_planar_cars
-from zebrat_bullet.errors import ActionError, ConfigError
-from zebrat_bullet.planar.margins import OTHER, Margins, margins_of
-from zebrat_bullet.planar.places import places_of
+from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.planar.asked import chances_of, facts_of, require_actions, require_arrays, require_state_of
+from zebrat_bullet.planar.margins import OTHER, Margins, draw_margins, margins_of
+from zebrat_bullet.planar.places import places_of, starts_of
 from zebrat_bullet.planar.simulation import PlanarSimulation
 from zebrat_bullet.robot import fitted, load_robot
 from zebrat_bullet.sensing.beams import side_bearings
 from zebrat_bullet.sensing.safety_region import make_region
 from zebrat_bullet.task.dynamics import draw_dynamics
-from zebrat_bullet.task.episode import EpisodeRules, draw_poses, gates_of, open_lines
+from zebrat_bullet.task.episode import EpisodeRules, gates_of, open_lines
 from zebrat_bullet.task.observation import observation_spec
 from zebrat_bullet.task.rewards import RewardInput, check_weights, rewards, weighted_terms
 from zebrat_bullet.types import Commands, Pose2
 from zebrat_bullet.values import of_kind
 from zebrat_bullet.world import World
+from zebrat_bullet.world.fingerprint import fingerprint
 
 N_STARTS = 64
 """Start poses drawn for each world; every episode begins at one of them."""
@@ -74,7 +76,7 @@ class PlanarDrive:
         spec: the observation.
         worlds: those there are; `add_worlds` brings more.
         starts: (W, N_STARTS, 3) float64, the poses at which episodes begin, world frame.
-        weights: (W,) chances of the worlds, or None where all are alike.
+        weights: (W,) chances of the worlds, or None where all are alike. May be set: to numbers in their proportion.
         begun: whether anyone has said since it was made how the episodes begin: by `reset`, `begin_at` or `load`.
 
     Raises:
@@ -110,9 +112,10 @@ class PlanarDrive:
         self._seen, self._sides = places[:-2], places[-2:]
         self._all_seen = len(indices) == len(self._seen) and bool((np.diff(self._seen) == 1).all())
         self.worlds: list[World] = []
+        self._known: list[str] = []
         self.starts = np.empty((0, N_STARTS, 3))
         self._margins = np.empty((0, 2))
-        self.weights: NDArray[np.float64] | None = None
+        self._weights: NDArray[np.float64] | None = None
         self.sim = PlanarSimulation(self.robot, task, indices, worlds, n_cars, device)
         self.n_cars = n_cars = len(self.sim.pose)
         self._note_worlds(worlds)
@@ -125,14 +128,33 @@ class PlanarDrive:
         self.begun = False
 
     def add_worlds(self, worlds: Sequence[World]) -> None:
-        """Let later episodes take place in these worlds too."""
+        """Let later episodes take place in these worlds too; beside `weights`, each as often as the others' mean."""
         self.sim.add_worlds(worlds)
         self._note_worlds(worlds)
+        if self._weights is not None:
+            mean = np.full(len(worlds), self._weights.mean())
+            self.weights = np.concatenate([self._weights, mean])
+
+    @property
+    def weights(self) -> NDArray[np.float64] | None:
+        """Chances of the worlds, (W,), or None where all are alike."""
+        return self._weights
+
+    @weights.setter
+    def weights(self, weights: ArrayLike | None) -> None:
+        self._weights = None if weights is None else chances_of(weights, len(self.worlds))
+
+    def poses(self) -> NDArray[np.float64]:
+        """Return where the cars stand, on the host: (N, 3) x, y in m and yaw in rad, each in its world's frame."""
+        poses = on_host(self.sim.pose).astype(np.float64)
+        poses[:, :2] += self.sim.origin[on_host(self.sim.world)]
+        return poses
 
     def _note_worlds(self, worlds: Sequence[World]) -> None:
         first = len(self.worlds)
         self.worlds += worlds
-        self.starts = np.concatenate([self.starts, *(self._draw_starts(world)[None] for world in worlds)])
+        drawn = (starts_of(world, self.robot, self.task.episode, N_STARTS)[None] for world in worlds)
+        self.starts = np.concatenate([self.starts, *drawn])
         margins = [self._margins_of.get(world.family, self._margins_of[OTHER]) for world in worlds]
         self._margins = np.concatenate([self._margins, np.array(margins).reshape(-1, 2)])
         lines = open_lines(self.worlds) - self.sim.origin[:, None]
@@ -140,11 +162,6 @@ class PlanarDrive:
         gates = gates_of(self.worlds)
         self._gates = None if gates is None else gates - self.sim.origin[:, None, None]
         self._max_steps = np.array([world.max_steps or self.task.episode.max_steps for world in self.worlds])
-
-    def _draw_starts(self, world: World) -> NDArray[np.float64]:
-        """Return N_STARTS poses of a world, (N_STARTS, 3), a function of the world alone."""
-        rng = np.random.default_rng(np.frombuffer(world.name.encode(), dtype=np.uint8))
-        return draw_poses(world, self.robot, self.task.episode, rng, N_STARTS)
 
     def reset(self, seed: int | None = None) -> Array:
         """Begin an episode of every car and return the (N, size) observations; None goes on with the same generator."""
@@ -183,7 +200,7 @@ class PlanarDrive:
         Raises:
             ActionError: one is not finite; nothing was simulated.
         """
-        self._refuse_non_finite(actions)
+        require_actions(actions, self.n_cars, self._n_steps + 1)
         return self.follow(self.spec.decode_cars(actions))
 
     def follow(self, commands: Commands) -> PlanarStep:
@@ -212,25 +229,13 @@ class PlanarDrive:
             observation[ended] = self._observe()[ended] if len(ended) > self.n_cars // 2 else self._observe(ended)
         return PlanarStep(observation, reward, terms, outcome, ended, last, world, start)
 
-    def _refuse_non_finite(self, actions: Array) -> None:
-        xp = namespace(actions)
-        if actions.shape != (self.n_cars, 2):
-            raise ActionError(f"actions must have the shape {(self.n_cars, 2)}, got {tuple(actions.shape)}")
-        finite = xp.isfinite(actions).all(-1)
-        if not bool(finite.all()):
-            car = int(np.flatnonzero(~on_host(finite))[0])
-            raise ActionError(
-                f"an action is two finite numbers (speed, steering), got {actions[car]} for car {car} in step "
-                f"{self._n_steps + 1}; nothing was simulated"
-            )
-
     def _begin(self, cars: NDArray[np.intp]) -> None:
         """Draw world, start, dynamics and noise of the next episode of some cars, and stand them there."""
         n, rng = len(cars), self._rng
-        if self.weights is None:
+        if self._weights is None:
             worlds = rng.integers(len(self.worlds), size=n, dtype=np.int32)
         else:
-            worlds = rng.choice(len(self.worlds), size=n, p=self.weights).astype(np.int32)
+            worlds = rng.choice(len(self.worlds), size=n, p=self._weights).astype(np.int32)
         self._start[cars] = rng.integers(N_STARTS, size=n)
         self._place(cars, worlds, self.starts[worlds, self._start[cars]])
 
@@ -242,19 +247,13 @@ class PlanarDrive:
         self._noise_base[cars] = rng.integers(2**31, size=len(cars), dtype=np.int32) - self._n_steps
         host = (worlds, poses.astype(np.float32), dynamics.astype(np.float32))
         sim.place(cars, *(like(values, sim.pose) for values in host))
-        sim.margin[cars] = like(self._draw_margins(worlds), sim.pose)
+        sim.margin[cars] = like(draw_margins(self._margins, worlds, rng), sim.pose)
         sim.draws[cars] = like(self._noise_base[cars] + self._n_steps, sim.draws)
         sim.command[cars] = 0.0
         self._trail.begin(cars)
         lines, most = self._lines[worlds].astype(np.float32), self._max_steps[worlds].astype(np.int32)
         gates = None if self._gates is None else like(self._gates[worlds].astype(np.float32), sim.pose)
         self._rules.begin(cars, sim.pose[cars], like(lines, sim.pose), like(most, sim.world), gates)
-
-    def _draw_margins(self, worlds: NDArray[np.int32]) -> NDArray[np.float32]:
-        least, most = self._margins.T
-        if (least < most).any():
-            return self._rng.uniform(least[worlds], most[worlds]).astype(np.float32)
-        return least[worlds].astype(np.float32)
 
     def _obs(self) -> Array:
         ranges = self.sim.ranges
@@ -264,29 +263,34 @@ class PlanarDrive:
         return self.spec.encode_cars(self._obs()[cars], self.sim.command[cars], trail=self._trail.look(cars))
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray]]:
-        """Return copies of all that a later `load` needs to go on here: plain values, and arrays."""
+        """Return copies of all that a later `load` needs to go on here: plain values, as JSON has them, and arrays.
+
+        The worlds themselves are not in it: cars that load it must have them, those of `add_worlds` too.
+        """
         plain = {"n_steps": self._n_steps, "rng": self._rng.bit_generator.state}
-        return plain, {name: on_host(array).copy() for name, array in self._arrays().items()}
+        plain["weights"] = None if self._weights is None else self._weights.tolist()
+        arrays = {name: on_host(array).copy() for name, array in self._arrays().items()}
+        return plain | facts_of(self.task, self._fingerprints()), arrays
 
     def load(self, plain: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Array:
         """Go on where `state` was taken, and return the (N, size) observations there.
 
         Raises:
+            ConfigError: it was taken under another task or among other worlds.
             ValueError, KeyError: these are not arrays of such cars; kernels would read beyond them.
         """
-        for name, array in self._arrays().items():
-            given, now = arrays[name], on_host(array)
-            most = {"world": len(self.worlds) - 1, "start": N_STARTS - 1}.get(name, 2**31 - 1)
-            least = 0 if name in ("world", "start") else -(2**31)
-            if given.shape != now.shape or given.dtype != now.dtype:
-                raise ValueError(f"{name} must be {now.dtype} of shape {now.shape}, got {given.dtype} {given.shape}")
-            if given.size and not (least <= given.min() and given.max() <= most):
-                raise ValueError(f"{name} must be {least} to {most}, got {given.min()} to {given.max()}")
-        for name, array in self._arrays().items():
-            array[...] = like(arrays[name], array)
+        require_state_of(plain, self.task, self._fingerprints())
+        require_arrays(arrays, self._arrays(), {"world": len(self.worlds), "start": N_STARTS})
+        self.weights = plain.get("weights")
         self._n_steps, self.begun = plain["n_steps"], True
         self._rng.bit_generator.state = plain["rng"]
+        for name, array in self._arrays().items():
+            array[...] = like(arrays[name], array)
         return self._observe()
+
+    def _fingerprints(self) -> list[str]:
+        self._known += map(fingerprint, self.worlds[len(self._known) :])
+        return self._known
 
     def _arrays(self) -> dict[str, Array]:
         own = {"command": self.sim.command, "start": self._start, "noise_base": self._noise_base}

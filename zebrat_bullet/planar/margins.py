@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from numbers import Real
 
+import numpy as np
+from numpy.typing import NDArray
+
 from zebrat_bullet.config import Range
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
@@ -34,3 +37,19 @@ def _range_of(margin_m: float | Range) -> Range:
     if len(ends) != 2 or not all(isinstance(end, Real) for end in ends) or not 0.0 <= ends[0] <= ends[1] < NEAR_M:
         raise ConfigError(f"margin_m must be in [0, {NEAR_M}), or a range in there, got {shown(repr(margin_m))}")
     return ends
+
+
+def draw_margins(
+    margins: NDArray[np.float64], worlds: NDArray[np.int32], rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Return a margin in m for an episode in each of some worlds.
+
+    Args:
+        margins: (W, 2), least and greatest of each world there is.
+        worlds: (K,) places of those that are driven in.
+        rng: asked only where some world has a range.
+    """
+    least, most = margins.T
+    if (least < most).any():
+        return rng.uniform(least[worlds], most[worlds]).astype(np.float32)
+    return least[worlds].astype(np.float32)

@@ -1,4 +1,4 @@
-"""Worlds and poses that users name for many cars at once: of which kind they must be, and where."""
+"""Where many cars begin: poses drawn for a world, and worlds and poses that users name."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,12 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from zebrat_bullet.config import EpisodeConfig
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.files import shown
 from zebrat_bullet.geometry import to_world_all
+from zebrat_bullet.robot import RobotModel
+from zebrat_bullet.task.episode import draw_poses
 from zebrat_bullet.types import Pose2
 from zebrat_bullet.world import World
 from zebrat_bullet.world.poses import pose_from, require_inside
@@ -52,6 +55,12 @@ def places_of(
     for i in np.unique(which):
         _require_free(np.flatnonzero(which == i), rows, there[i], footprint_base)
     return which.astype(np.int32), rows
+
+
+def starts_of(world: World, robot: RobotModel, episode: EpisodeConfig, n: int) -> NDArray[np.float64]:
+    """Return poses at which episodes begin, (n, 3) x, y in m and yaw in rad: a function of the world alone."""
+    rng = np.random.default_rng(np.frombuffer(world.name.encode(), dtype=np.uint8))
+    return draw_poses(world, robot, episode, rng, n)
 
 
 def _require_free(

@@ -97,7 +97,7 @@ class PlanarCallback(BaseCallback):
         self._over = self._good_enough or done
         if self._planar.curriculum > 0.0:
             interest = self._planar.curriculum + self._learned * (1.0 - self._learned)
-            self._cars.env.drive.weights = interest / interest.sum()
+            self._cars.env.drive.weights = interest
         elapsed = max(time.monotonic() - self._began, 1e-9)
         steps_per_s = (self.num_timesteps - self._first_step) / elapsed
         recent = sum(self._recent) / max(len(self._recent), 1)

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from zebrat_bullet.arrays import on_host
-from zebrat_bullet.envs.planar_env import PlanarVectorEnv
+from zebrat_bullet.envs.planar_env import PlanarVectorEnv, refuse_options
 from zebrat_bullet.task.episode import Outcome
 
 
@@ -27,6 +27,14 @@ class PlanarVecEnv(VecEnv):
         """Seed the next reset."""
         self._seed = seed
         return [seed] * self.num_envs
+
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """Refuse options of the next reset, as the vector env does.
+
+        Raises:
+            ConfigError: there are some.
+        """
+        refuse_options([each for each in options if each] if isinstance(options, list) else options)
 
     def reset(self) -> VecEnvObs:
         """Begin an episode of every car."""
