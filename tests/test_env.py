@@ -419,3 +419,17 @@ def test_a_preset_is_not_shared_among_environments():
     env.drive.config.reward.weights["F"] = 100.0
     assert REWARD_PRESETS["ft"].weights["F"] == 1.0
     env.close()
+
+
+def test_the_reading_is_what_the_observation_is_made_of_and_the_whole_scan():
+    env = ZebratEnv("track_2", caster="embree")
+    with pytest.raises(EpisodeError, match="reading: no episode was begun yet; call reset"):
+        _ = env.reading
+    env.reset(seed=0)
+    observation, *_ = env.step(np.array([0.5, 0.25], np.float32))
+    reading = env.reading
+    np.testing.assert_array_equal(env.spec_observation.encode(reading), observation)
+    assert reading.scan.ranges_m.shape == (360,) and not np.isnan(reading.scan.ranges_m).any()
+    np.testing.assert_array_equal(reading.scan.ranges_m[env.drive.region.indices], reading.clearance.obs_m)
+    assert reading.last_command.speed_mps == pytest.approx(0.3) and reading.state is None and reading.walls is None
+    env.close()

@@ -55,7 +55,7 @@ def test_a_shipped_policy_commands_what_its_agent_does(policy, tmp_path):
     assert np.ptp([command.steering_rad for command in expected]) > 0.5  # it did steer
 
 
-@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("activation", ["relu", "tanh", "elu", "clip tanh"])
 @pytest.mark.parametrize("head", ["tanh", "clip", "argmax", "grid"])
 def test_every_head_and_activation_acts_as_its_agent_does(head, activation, tmp_path):
     policy = str(random_policy(head, activation, tmp_path))

@@ -57,17 +57,22 @@ def test_a_grid_head_chooses_speed_and_steering_each_by_itself():
     assert many.tolist() == [[0.5, 0.25]] * 3
 
 
-def test_hidden_layers_are_rectified_or_squashed():
+def test_hidden_layers_are_rectified_squashed_or_cut_off():
     observation = SPEC.encode(FAR)
     agent = policy([1.0, 1.0], "clip")
     agent.layers[1][0][:] = np.eye(2)
     assert agent.output(observation).tolist() == [0.0, 0.5]
     agent.activation = "tanh"
     assert agent.output(observation) == pytest.approx(np.tanh([-0.5, 0.5]))
+    agent.activation = "elu"
+    assert agent.output(observation) == pytest.approx([np.exp(-0.5) - 1.0, 0.5])
+    agent.activation = "clip"
+    agent.layers[0][1][:] = [-0.5, 3.0]
+    assert agent.output(observation).tolist() == [-0.5, 1.0]
 
 
 @pytest.mark.parametrize("head", ["tanh", "clip", "argmax", "grid"])
-@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("activation", ["relu", "tanh", "elu", "clip"])
 def test_a_file_gives_back_the_policy(tmp_path, head, activation):
     agent = policy(list(np.linspace(0.1, 0.6, 6 if head in ("argmax", "grid") else 2)), head, activation)
     save_policy(agent, tmp_path / "p.safetensors")
@@ -106,7 +111,8 @@ def test_a_shipped_policy_is_unguided_and_acts_as_its_layers_say(name):
     ("outputs", "head", "activation", "message"),
     [
         (2, "softmax", "relu", "head 'softmax'; there are tanh, clip, argmax"),
-        (2, "tanh", "elu", "activation 'elu'; there are relu, tanh"),
+        (2, "tanh", "gelu", "activation 'gelu'; there are relu, tanh, elu, clip"),
+        (2, "tanh", "clip tanh", "1 hidden layers and the activations 'clip tanh'; name one, or one for each"),
         (2, "argmax", "relu", "2 outputs, its head 'argmax' needs 6"),
         (5, "grid", "relu", "5 outputs, its head 'grid' needs 6"),
         (6, "tanh", "relu", "6 outputs, its head 'tanh' needs 2"),

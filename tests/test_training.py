@@ -34,8 +34,9 @@ from zebrat_bullet.task.observation import DISCRETE_COMMANDS
 from zebrat_bullet.training.checkpoint import load_checkpoint
 from zebrat_bullet.training.collapses import WatchdogConfig
 from zebrat_bullet.training.learner_settings import DDPGConfig
-from zebrat_bullet.training.learners import DISCRETE, build_learner, to_agent
+from zebrat_bullet.training.learners import DISCRETE, build_learner
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS
+from zebrat_bullet.training.networks import to_agent
 from zebrat_bullet.training.presets import ALGORITHMS, TRAIN_PRESETS, paper_config
 from zebrat_bullet.training.run import resume, train
 from zebrat_bullet.training.run_folder import evaluations, is_finished, summarise

@@ -60,7 +60,9 @@ class _Nodes:
             inputs = at, self._constant(f"{i}.weight", weight), self._constant(f"{i}.bias", bias)
             at = self._add("Gemm", inputs, f"layer_{i}", transB=1)
             if i + 1 < len(self._agent.layers):
-                at = self._add(self._agent.activation.capitalize(), [at], f"hidden_{i}")
+                activation = self._agent.activations[i]
+                ends = self._ends() if activation == "clip" else []
+                at = self._add(activation.capitalize(), [at, *ends], f"hidden_{i}")
         getattr(self, f"_{self._agent.head}")(at)
         return self._nodes, self._weights
 
@@ -68,8 +70,7 @@ class _Nodes:
         self._add("Tanh", [output], "action")
 
     def _clip(self, output: str) -> None:
-        ends = [self._constant(name, np.array(value, np.float32)) for name, value in (("least", -1.0), ("most", 1.0))]
-        self._add("Clip", [output, *ends], "action")
+        self._add("Clip", [output, *self._ends()], "action")
 
     def _argmax(self, output: str) -> None:
         commands = self._constant("commands", np.array(DISCRETE_COMMANDS, np.float32))
@@ -87,6 +88,10 @@ class _Nodes:
             largest = self._add("ArgMax", [part], f"largest_{name}", axis=1, keepdims=1)
             chosen.append(self._add("Gather", [choices, largest], name, axis=0))
         self._add("Concat", chosen, "action", axis=1)
+
+    def _ends(self) -> list[str]:
+        """Return the names of the two ends of a clip."""
+        return [self._constant(name, np.array(value, np.float32)) for name, value in (("least", -1.0), ("most", 1.0))]
 
     def _constant(self, name: str, values: NDArray) -> str:
         self._weights[name] = np.ascontiguousarray(values)

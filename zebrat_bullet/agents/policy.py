@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,12 @@ from zebrat_bullet.types import Command, Reading
 
 FORMAT = "zebrat-policy-1"
 HEADS = ("tanh", "clip", "argmax", "grid")
-ACTIVATIONS = ("relu", "tanh")
+ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
+    "relu": lambda values: np.maximum(values, 0.0),
+    "tanh": np.tanh,
+    "elu": lambda values: np.where(values > 0.0, values, np.expm1(np.minimum(values, 0.0))),
+    "clip": lambda values: np.clip(values, -1.0, 1.0),
+}
 Grid = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -35,12 +40,13 @@ class PolicyAgent:
         head: what makes an action of the last layer: "tanh" (DDPG, SAC), "clip" to [-1, 1] (PPO), or "argmax", the
             index of the largest output in `DISCRETE_COMMANDS` (DQN, discrete PPO), or "grid", which chooses a speed
             and a steering, each the one with the largest output (PPO on a grid).
-        activation: of the hidden layers, "relu" or "tanh".
+        activation: of the hidden layers, "relu", "tanh", "elu" or "clip" (to [-1, 1]); or one for each of them, with
+            blanks between: "clip tanh tanh".
         grid: of a "grid" head, the speeds and the steerings to choose from, as fractions of the limits.
 
     Raises:
-        PolicyError: there is no such head or activation, or the last layer has another number of outputs than the head
-            needs.
+        PolicyError: there is no such head or activation, or there are several activations and not one a hidden layer,
+            or the last layer has another number of outputs than the head needs.
     """
 
     def __init__(
@@ -53,7 +59,8 @@ class PolicyAgent:
         activation: str = "relu",
         grid: Grid = ((), ()),
     ) -> None:
-        _check(name, len(layers[-1][1]), head, activation, grid)
+        _check_head(name, len(layers[-1][1]), head, grid)
+        _check_activation(name, len(layers) - 1, activation)
         self.name, self.layers, self.observation, self.provenance = name, layers, observation, provenance
         self.head, self.activation, self.grid = head, activation, grid
         self._choices = tuple(np.array(values, dtype=np.float32) for values in grid)
@@ -65,6 +72,12 @@ class PolicyAgent:
         """First digits of the SHA-256 of its weights: a policy that learned on is another."""
         arrays = (array for layer in self.layers for array in layer)
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:8]
+
+    @property
+    def activations(self) -> list[str]:
+        """The activation of each hidden layer."""
+        names = self.activation.split()
+        return names * (len(self.layers) - 1) if len(names) == 1 else names
 
     def reset(self, seed: int) -> None:
         """Begin an episode: forget where the car was. The policy is deterministic."""
@@ -103,18 +116,26 @@ class PolicyAgent:
         Many observations, (N, size), may be given at once; then N rows of outputs come back.
         """
         hidden = observation
-        for weight, bias in self.layers[:-1]:
-            hidden = hidden @ weight.T + bias
-            hidden = np.maximum(hidden, 0.0) if self.activation == "relu" else np.tanh(hidden)
+        for (weight, bias), activation in zip(self.layers[:-1], self.activations, strict=True):
+            hidden = ACTIVATIONS[activation](hidden @ weight.T + bias)
         weight, bias = self.layers[-1]
         return hidden @ weight.T + bias
 
 
-def _check(name: str, n_outputs: int, head: str, activation: str, grid: Grid) -> None:
+def _check_activation(name: str, n_hidden: int, activation: str) -> None:
+    names = activation.split()
+    if unknown := set(names) - set(ACTIVATIONS):
+        raise PolicyError(f"policy {name!r} has the activation {min(unknown)!r}; there are {', '.join(ACTIVATIONS)}")
+    if len(names) not in (1, n_hidden):
+        raise PolicyError(
+            f"policy {name!r} has {n_hidden} hidden layers and the activations {activation!r}; name one, or one for "
+            "each"
+        )
+
+
+def _check_head(name: str, n_outputs: int, head: str, grid: Grid) -> None:
     if head not in HEADS:
         raise PolicyError(f"policy {name!r} has the head {head!r}; there are {', '.join(HEADS)}")
-    if activation not in ACTIVATIONS:
-        raise PolicyError(f"policy {name!r} has the activation {activation!r}; there are {', '.join(ACTIVATIONS)}")
     needed = {"argmax": len(DISCRETE_COMMANDS), "grid": sum(map(len, grid))}.get(head, 2)
     if head == "grid" and not (all(grid) and np.abs([*grid[0], *grid[1]]).max() <= 1.0):
         raise PolicyError(f"policy {name!r} chooses from {grid}; speeds and steerings are fractions of -1 to 1")
@@ -123,7 +144,14 @@ def _check(name: str, n_outputs: int, head: str, activation: str, grid: Grid) ->
 
 
 def save_policy(agent: PolicyAgent, path: Path) -> None:
-    """Write a policy as safetensors; the observation and the provenance travel as JSON in its header."""
+    """Write a policy as safetensors; the observation and the provenance travel as JSON in its header.
+
+    Every command takes the file: `--agent PATH`, `zebrat export PATH`.
+
+    Args:
+        agent: the policy; of one that you trained yourself, `policy_of` and `policy_of_layers` make it.
+        path: the file, which ends in .safetensors.
+    """
     tensors = {}
     for i, (weight, bias) in enumerate(agent.layers):
         tensors[f"{i}.weight"], tensors[f"{i}.bias"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
@@ -149,7 +177,8 @@ def load_policy(name_or_path: str) -> PolicyAgent:
     if path.suffix == ".zip":
         raise PolicyError(
             f"{path} is a model of Stable-Baselines3, which does not say what it observes; name the best.safetensors "
-            "beside it, or its run folder"
+            "beside it, or its run folder; one that you trained yourself becomes a policy by "
+            "zebrat_bullet.training.own_policy.policy_of (docs/your_own_policy.md)"
         )
     header, tensors = read_safetensors(path, PolicyError)
     if header.get("format") != FORMAT:

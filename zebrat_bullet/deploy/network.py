@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zebrat_bullet.errors import PolicyError
 from zebrat_bullet.files import read_bytes, refusing, shown
 
-OPERATIONS = ("ArgMax", "Clip", "Concat", "Gather", "Gemm", "Relu", "Split", "Tanh")
+OPERATIONS = ("ArgMax", "Clip", "Concat", "Elu", "Gather", "Gemm", "Relu", "Split", "Tanh")
 """Of ONNX, all that an exported policy is made of."""
 MOST_BYTES = 64_000_000
 REMEDY = "export the policy again with `zebrat export`"

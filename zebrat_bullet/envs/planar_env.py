@@ -45,6 +45,9 @@ class PlanarVectorEnv(VectorEnv):
         device: "cpu" or "cuda". Observations, rewards and actions are NumPy arrays either way;
             `PlanarDrive` itself keeps them on the device.
 
+    Attributes:
+        task, spec_observation: as of `ZebratEnv`.
+
     Raises:
         ConfigError, WorldError, AssetError: see the message.
     """
@@ -71,6 +74,7 @@ class PlanarVectorEnv(VectorEnv):
         loaded = load_worlds(worlds, start=start, goal=goal, exit=exit, robot=load_robot(config.robot))
         seed = int(np.random.default_rng().integers(2**31))  # until a reset names one
         self.drive = PlanarDrive(config, loaded, num_envs, device=device, seed=seed, raw=raw, margin_m=margin_m)
+        self.task, self.spec_observation = self.drive.task, self.drive.spec
         self.terminal = terminal_codes(config.reward)
         self.num_envs = num_envs = self.drive.n_cars
         self.single_observation_space, self.single_action_space = spaces_of(self.drive.spec, discrete=False)

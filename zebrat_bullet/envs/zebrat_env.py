@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.config_text import from_plain
+from zebrat_bullet.envs.reset_options import check_pose, options_of
 from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.files import shown
-from zebrat_bullet.geometry import footprint_hits
 from zebrat_bullet.robot import load_robot
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.task.observation import DISCRETE_COMMANDS, ObservationSpec, Observer, observation_spec
 from zebrat_bullet.task.rewards import TERMS, terminal_codes
 from zebrat_bullet.task.waypoints import check_waypoints
-from zebrat_bullet.types import Pose2
+from zebrat_bullet.types import Pose2, Reading
 from zebrat_bullet.world import World, load_worlds
-from zebrat_bullet.world.poses import pose_from, require_inside
 
 RENDER_SIZE = (640, 480)
 
@@ -51,6 +50,10 @@ class ZebratEnv(gymnasium.Env):
         raw: observations and actions in SI units instead of [-1, 1].
         task: every other setting; the arguments above override it.
         render_mode: None or "rgb_array" (drawn by VTK through OSMesa).
+
+    Attributes:
+        task: the task, with all arguments in it, as `Drive` drives it.
+        spec_observation: how readings are encoded.
 
     Raises:
         ConfigError, WorldError, AssetError: see the message.
@@ -87,6 +90,7 @@ class ZebratEnv(gymnasium.Env):
         self._closed = False
         self.drive = Drive(config, self._worlds[0])
         self._terminal = terminal_codes(config.reward)
+        self.task = self.drive.config
         self.spec_observation = observation_spec(self.drive.config, self.drive.region, self.drive.robot, raw)
         self._observer = Observer(self.spec_observation)
         self._discrete, self._raw = discrete, raw
@@ -118,7 +122,7 @@ class ZebratEnv(gymnasium.Env):
             ConfigError: an option is unknown, or none that could be meant; or the car would stand in a wall there.
         """
         self._refuse_closed("reset")
-        number, pose = _options(options)
+        number, pose = options_of(options)
         given, again = seed, seed is not None or self._seed is None
         seed = self._seed if seed is None else seed
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
@@ -126,7 +130,7 @@ class ZebratEnv(gymnasium.Env):
         rng = np.random.default_rng([seed, number])
         world = self._worlds[rng.integers(len(self._worlds))] if len(self._worlds) > 1 else self._worlds[0]
         if pose is not None:
-            _check_pose(pose, world, self.drive.robot.footprint_base)
+            check_pose(pose, world, self.drive.robot.footprint_base)
         reading = self.drive.reset(rng, world, pose, whole_scans=self.render_mode is not None)
         # Only now: one that was refused leaves the episode under way as it was.
         super().reset(seed=given)
@@ -223,6 +227,19 @@ class ZebratEnv(gymnasium.Env):
         return self._renderer.frame(live_frame(self.drive, self._reading, self._path, self._terms))
 
     @property
+    def reading(self) -> Reading:
+        """All that the car senses now, as a driver is given it: the whole scan, what the observation is made of, speed.
+
+        The scan holds nan where the task's `LidarConfig.bearings` confines the lidar.
+
+        Raises:
+            EpisodeError: no episode was begun yet.
+        """
+        if self._begun is None:
+            raise EpisodeError("reading: no episode was begun yet; call reset first")
+        return self._reading
+
+    @property
     def episode(self) -> tuple[int, int]:
         """The seed and the number of the episode under way: `reset(seed=..., options={"episode": ...})` begins it.
 
@@ -264,26 +281,6 @@ def varied(
         noise=task.noise if noise is None else from_plain(NoiseConfig, noise, task.noise),
         lidar=task.lidar if caster is None else replace(task.lidar, caster=caster),
     )
-
-
-def _options(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | None]:
-    """Return the episode's number and the start pose that reset's options name."""
-    options = {} if options is None else options
-    if not isinstance(options, Mapping):
-        raise ConfigError(f"reset's options are a mapping of episode and pose, got {shown(repr(options))}")
-    if unknown := sorted(str(name) for name in options if name not in ("episode", "pose")):
-        raise ConfigError(f"reset has no option {shown(unknown)}; there are episode and pose")
-    number, pose = options.get("episode"), options.get("pose")
-    if number is not None and (isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0):
-        raise ConfigError(f"options['episode'] is a whole number from 0 up, got {shown(repr(number))}")
-    return None if number is None else int(number), None if pose is None else pose_from(pose, "options['pose']")
-
-
-def _check_pose(pose: Pose2, world: World, footprint_base: NDArray[np.float64]) -> None:
-    """Refuse a pose in a wall, or off the ground that the world's walls and its floor reach over."""
-    if footprint_hits(world.walls, footprint_base, pose):
-        raise ConfigError(f"options['pose'] {tuple(pose)} puts the car into a wall of {world.name!r}; move it")
-    require_inside(pose, world, "options['pose']")
 
 
 def spaces_of(spec: ObservationSpec, discrete: bool) -> tuple[spaces.Box, spaces.Space]:

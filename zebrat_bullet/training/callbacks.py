@@ -22,8 +22,9 @@ from zebrat_bullet.evaluation.rollout import run_episode
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.checkpoint import save_checkpoint
-from zebrat_bullet.training.learners import critic_values, exploration, to_agent
+from zebrat_bullet.training.learners import critic_values, exploration
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, rank
+from zebrat_bullet.training.networks import to_agent
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import TrainConfig
 from zebrat_bullet.training.watchdog import WATCHDOG_COLUMNS, CriticProbe, Finding, Watchdog

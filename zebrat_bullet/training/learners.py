@@ -1,16 +1,13 @@
-"""The five algorithms on Stable-Baselines3: settings in, an untrained learner out; a learner in, its policy out."""
+"""The five algorithms on Stable-Baselines3: settings in, an untrained learner out."""
 
 from typing import Any
 
 import torch
-from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from torch import nn
 
-from zebrat_bullet.agents.policy import PolicyAgent
-from zebrat_bullet.task.observation import ObservationSpec
 from zebrat_bullet.training.budget import RunBudget
 from zebrat_bullet.training.ddpg import PaperDDPG
 from zebrat_bullet.training.learner_settings import DDPGConfig, DQNConfig, Learner, PPOConfig, SACConfig
@@ -110,31 +107,6 @@ def _build_off_policy(
 def exploration(model: BaseAlgorithm) -> float | None:
     """Return the probability of a random action now; None for an algorithm that explores otherwise."""
     return model.epsilon if isinstance(model, PaperDDPG | PaperDQN) else None
-
-
-def to_agent(
-    model: BaseAlgorithm, name: str, observation: ObservationSpec, provenance: dict[str, object]
-) -> PolicyAgent:
-    """Return the noise-free policy of a learner, to run without torch."""
-    networks, head = _policy_networks(model)
-    linear = [layer for network in networks for layer in network.modules() if isinstance(layer, nn.Linear)]
-    layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    activation = "tanh" if isinstance(model, PPO) and model.policy.activation_fn is nn.Tanh else "relu"
-    grid = (model.settings.speeds, model.settings.steerings) if isinstance(model, RunPPO) else ((), ())
-    return PolicyAgent(name, layers, observation, provenance, head, activation, grid)
-
-
-def _policy_networks(model: BaseAlgorithm) -> tuple[list[nn.Module], str]:
-    if isinstance(model, PaperDDPG):
-        return [model.actor.mu], "tanh"
-    if isinstance(model, SAC):
-        return [model.actor.latent_pi, model.actor.mu], "tanh"
-    if isinstance(model, PaperDQN):
-        return [model.q_net.q_net], "argmax"
-    assert isinstance(model, PPO)
-    heads = {spaces.Discrete: "argmax", spaces.MultiDiscrete: "grid", spaces.Box: "clip"}
-    networks = [model.policy.mlp_extractor.policy_net, model.policy.action_net]
-    return networks, heads[type(model.action_space)]
 
 
 @torch.no_grad()

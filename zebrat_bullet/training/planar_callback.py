@@ -16,8 +16,8 @@ from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.training.callbacks import Progress, refuse_non_finite
 from zebrat_bullet.training.checkpoint import save_checkpoint
-from zebrat_bullet.training.learners import to_agent
 from zebrat_bullet.training.logs import EPISODE_COLUMNS, EVALUATION_COLUMNS, rank
+from zebrat_bullet.training.networks import to_agent
 from zebrat_bullet.training.planar_vec_env import PlanarVecEnv
 from zebrat_bullet.training.ppo import RunPPO
 from zebrat_bullet.training.settings import PlanarConfig, TrainConfig
