@@ -172,7 +172,7 @@ def test_the_layers_of_pytorch_become_a_policy(cars, tmp_path):
         ([nn.Linear(68, 2)], "clip", "takes 68 numbers, the environment's observation has 34; of stacked frames"),
         ([nn.Linear(34, 2)], "sign", "head is .* got 'sign'"),
         ([], "clip", "the network has no nn.Linear"),
-        (nn.Transformer(8, 2, 1, 1, 8), "clip", "Transformer does not say in which order its layers act"),
+        (nn.LSTM(34, 2), "clip", "LSTM does not say in which order its layers act"),
     ],
 )  # fmt: skip
 def test_layers_that_cannot_be_expressed_are_refused_by_name(layers, head, said, cars):
@@ -224,9 +224,8 @@ def test_a_policy_that_acts_otherwise_than_its_model_is_never_returned(cars):
         policy_of(diverged, cars)
 
 
-@pytest.mark.parametrize("name", ["mine.zip"])
-def test_a_zip_as_an_agent_names_the_way(name, cars, tmp_path, monkeypatch):
+def test_a_zip_as_an_agent_names_the_way(cars, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    made("ppo", cars).save(name)
+    made("ppo", cars).save("mine.zip")
     with pytest.raises(PolicyError, match=r"own_policy.policy_of \(docs/your_own_policy.md\)"):
-        load_agent(name, TaskConfig())
+        load_agent("mine.zip", TaskConfig())
