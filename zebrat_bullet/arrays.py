@@ -51,6 +51,11 @@ def read_only(array: Array) -> Array:
     return seen
 
 
+def is_refused_write(error: BaseException) -> bool:
+    """Return whether an error is NumPy's about a write to an array that cannot be written to."""
+    return isinstance(error, ValueError) and "read-only" in str(error)
+
+
 def on_host(array: Array) -> NDArray:
     """Return an array as NumPy sees it: itself, or a copy of what is on another device."""
     host: NDArray = array if isinstance(array, np.ndarray) else array.cpu().numpy()
