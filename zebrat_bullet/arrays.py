@@ -34,7 +34,8 @@ def like(values: NDArray, array: Array) -> Array:
     if isinstance(array, np.ndarray):
         return values.astype(array.dtype, copy=False) if values.dtype.kind == "f" else values
     kept = {"dtype": array.dtype} if values.dtype.kind == "f" else {}
-    return namespace(array).asarray(values, device=device_of(array), **kept)
+    # A copy: torch has no arrays that cannot be written to, and some constants are.
+    return namespace(array).asarray(values, device=device_of(array), copy=True, **kept)
 
 
 def clamp(array: Array, least: float | None = None, most: float | None = None) -> Array:
