@@ -1,9 +1,10 @@
 """The judge: rates that add up, the same starts for every agent, records that replay exactly."""
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
+import torch
 
 from zebrat_bullet.agents import load_agent
 from zebrat_bullet.assets import asset_folder
@@ -80,6 +81,44 @@ def test_only_declared_privileges_are_shown(drive):
         ConfigError, match="no privilege \\['future'\\]; there are \\['goal', 'map', 'pose', 'waypoint'\\]"
     ):
         run_episode(drive, Straight(frozenset({"future"})), 0, 0)
+
+
+def test_a_driver_cannot_write_to_what_it_is_shown(drive):
+    guided = Straight(frozenset({"pose", "map", "goal", "waypoint"}))
+    run_episode(drive, guided, 0, 0)
+    shown = dict(_arrays("reading", guided.reading))
+    assert len(shown) == 6
+    for name, array in shown.items():
+        with pytest.raises(ValueError, match="read-only"):
+            array += 0.05
+        assert not array.flags.writeable, name
+
+
+def test_the_region_that_reward_terms_see_cannot_be_written_to(drive):
+    for array in (drive.region.range_m, drive.region.indices, drive.region.outline_lidar):
+        with pytest.raises(ValueError, match="read-only"):
+            array += 1
+
+
+def _arrays(name, value):
+    if isinstance(value, np.ndarray):
+        yield name, value
+    for field in fields(value) if is_dataclass(value) else ():
+        yield from _arrays(f"{name}.{field.name}", getattr(value, field.name))
+
+
+@pytest.mark.parametrize("number", [np.float32, torch.tensor])
+def test_a_record_of_single_precision_commands_replays_exactly(drive, number):
+    class Single(Straight):
+        def reset(self, seed):
+            self.rng = np.random.default_rng(seed)
+
+        def act(self, reading):
+            return Command(number(self.rng.uniform(0.3, 0.7)), number(self.rng.uniform(-0.7, 0.7)))
+
+    record = run_episode(drive, Single(), 0, 0)
+    assert record.command.dtype == np.float64 and np.abs(record.command).max() <= 0.6
+    replay_episode(drive, record, drive.world)
 
 
 @pytest.mark.parametrize("caster", ["embree", "bullet"])

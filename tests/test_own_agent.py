@@ -83,6 +83,19 @@ def test_it_is_judged_in_processes_of_its_own_and_recorded_under_its_name(write,
             r"line 7: the agent fails: ZeroDivisionError",
         ),
         ("frozenset()", '{"gps"}', "it is a set of goal, map, pose, waypoint"),
+        *(
+            (
+                "self.speed_mps, 0.0",
+                given,
+                r"mine\.py:HalfSpeed: act returned .*speed and steering angle are finite numbers",
+            )
+            for given in ('"fast", 0.0', "[0.3], 0.0", "float('nan'), 0.0", "0.3, __import__('numpy').array([0.0])")
+        ),
+        (
+            "return Command(",
+            "reading.scan.ranges_m[:] = 3.0; return Command(",
+            r"mine\.py, line 16: act fails: ValueError: .*read-only; compute on a copy of what it is given",
+        ),
     ],
 )
 def test_its_mistakes_are_told_by_file_and_line(write, old: str, new: str, said: str) -> None:

@@ -105,6 +105,11 @@ def test_an_unknown_term_is_refused_with_the_valid_ones():
         (lambda step: [0.0], "returned a list"),
         (lambda step: step.speed_mps * math.nan, "reward term 'S' is nan for car 0; a term returns one finite number"),
         (lambda step: step.speed_mps + math.inf, "reward term 'S' is inf for car 0"),
+        (
+            lambda step: step.speeds,
+            "reward term 'S' fails: AttributeError: .*'speeds'; it is a function of a RewardInput",
+        ),
+        (3, "reward term 'S' fails: TypeError: 'int' object is not callable"),
     ],
 )
 def test_a_term_that_is_not_one_finite_number_a_car_is_refused_by_its_name(region, monkeypatch, term, said):

@@ -54,8 +54,13 @@ def test_commands_are_clipped_to_the_limits() -> None:
     assert clip_command(Command(-0.1, 0.2), PhysicsConfig()) == Command(-0.1, 0.2)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_commands_that_are_not_finite_are_refused(bad: float) -> None:
+def test_a_clipped_command_holds_floats_whatever_a_driver_counts_in() -> None:
+    clipped = clip_command(Command(np.float32(0.6), np.array(0)), PhysicsConfig())
+    assert clipped == Command(0.6, 0.0) and type(clipped.speed_mps) is type(clipped.steering_rad) is float
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, "0.3", None, np.array([0.3])])
+def test_commands_that_are_not_finite_are_refused(bad: object) -> None:
     for command in (Command(bad, 0.0), Command(0.0, bad)):
         with pytest.raises(ActionError, match="finite"):
             clip_command(command, PhysicsConfig())

@@ -34,7 +34,8 @@ def like(values: NDArray, array: Array) -> Array:
     if isinstance(array, np.ndarray):
         return values.astype(array.dtype, copy=False) if values.dtype.kind == "f" else values
     kept = {"dtype": array.dtype} if values.dtype.kind == "f" else {}
-    return namespace(array).asarray(values, device=device_of(array), **kept)
+    # A copy: torch has no arrays that cannot be written to, and some constants are.
+    return namespace(array).asarray(values, device=device_of(array), copy=True, **kept)
 
 
 def clamp(array: Array, least: float | None = None, most: float | None = None) -> Array:
@@ -49,6 +50,11 @@ def read_only(array: Array) -> Array:
     seen = array.view()
     seen.flags.writeable = False
     return seen
+
+
+def is_refused_write(error: BaseException) -> bool:
+    """Return whether an error is NumPy's about a write to an array that cannot be written to."""
+    return isinstance(error, ValueError) and "read-only" in str(error)
 
 
 def on_host(array: Array) -> NDArray:

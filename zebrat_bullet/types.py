@@ -170,6 +170,8 @@ class Waypoint:
 class Reading:
     """All an agent may know at a control step; the last four only if it declares the privilege, None otherwise.
 
+    Its arrays cannot be written to, from then on: region, world and record are made of the same. Compute on a copy.
+
     Attributes:
         scan: the flattened lidar scan.
         clearance: the safety region's view of it.
@@ -191,3 +193,12 @@ class Reading:
     walls: "shapely.MultiPolygon | None" = None
     goal_world: NDArray[np.float64] | None = None
     waypoint: Waypoint | None = None
+
+    def __post_init__(self) -> None:
+        arrays: list[Array] = [self.scan.ranges_m, self.clearance.obs_m, self.clearance.range_m]
+        if self.state is not None:
+            arrays += [self.state.knuckle_rad, self.state.wheel_rad]
+        if self.goal_world is not None:
+            arrays.append(self.goal_world)
+        for array in arrays:
+            array.setflags(write=False)

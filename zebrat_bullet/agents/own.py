@@ -11,9 +11,11 @@ from types import ModuleType
 from typing import Any
 
 from zebrat_bullet.agents.agent import PRIVILEGES, Agent
+from zebrat_bullet.arrays import is_refused_write
 from zebrat_bullet.config import TaskConfig
-from zebrat_bullet.errors import AssetError, ConfigError, ZebratError
+from zebrat_bullet.errors import ActionError, AssetError, ConfigError, ZebratError
 from zebrat_bullet.files import is_file, shown
+from zebrat_bullet.sim.ackermann import in_floats
 from zebrat_bullet.types import Command, Reading
 
 _HAS_TO = "an agent has name, privileged, reset(seed) and act(reading) (docs/compare.md)"
@@ -25,16 +27,17 @@ class OwnAgent:
     Args:
         agent: what decides.
         path: the file.
+        name: what in the file made it.
 
     Attributes:
         digest: first digits of the file's SHA-256: one that was edited is another driver.
     """
 
-    def __init__(self, agent: Agent, path: Path) -> None:
-        self._agent, self._path = agent, path
+    def __init__(self, agent: Agent, path: Path, name: str) -> None:
+        self._agent, self._path, self._named = agent, path, f"{path}:{name}"
         with _told(path, "the agent"):
-            missing = [name for name in ("name", "privileged", "reset", "act") if not hasattr(agent, name)]
-            name, privileged = getattr(agent, "name", ""), getattr(agent, "privileged", ())
+            missing = [part for part in ("name", "privileged", "reset", "act") if not hasattr(agent, part)]
+            called, privileged = getattr(agent, "name", ""), getattr(agent, "privileged", ())
         if missing:
             raise ConfigError(f"{path}: {type(agent).__name__} has no {', '.join(missing)}; {_HAS_TO}")
         if not isinstance(privileged, set | frozenset) or not privileged <= PRIVILEGES:
@@ -42,7 +45,7 @@ class OwnAgent:
                 f"{path}: privileged is {shown(privileged)}; it is a set of {', '.join(sorted(PRIVILEGES))}, "
                 "empty for none"
             )
-        self.name, self.privileged = str(name), frozenset(privileged)
+        self.name, self.privileged = str(called), frozenset(privileged)
         self.digest = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
 
     def reset(self, seed: int) -> None:
@@ -64,10 +67,16 @@ class OwnAgent:
             command = self._agent.act(reading)
         if not isinstance(command, Command):
             raise ConfigError(
-                f"{self._path}: act returned {shown(command)}; return a Command(speed_mps, steering_rad) of "
+                f"{self._named}: act returned {shown(command)}; return a Command(speed_mps, steering_rad) of "
                 "zebrat_bullet.types"
             )
-        return command
+        try:
+            return in_floats(command)
+        except ActionError as error:
+            raise ConfigError(
+                f"{self._named}: act returned {shown(command)}: speed and steering angle are finite numbers, in m/s "
+                "and rad; mend it"
+            ) from error
 
 
 def load_own(file_and_name: str, task: TaskConfig) -> OwnAgent:
@@ -102,7 +111,7 @@ def _loaded(path: Path, name: str, task: TaskConfig) -> OwnAgent:
         )
     with _told(path, f"{name}(task)"):
         agent = make(task)
-    return OwnAgent(agent, path)
+    return OwnAgent(agent, path, name)
 
 
 def _module(path: Path) -> ModuleType:
@@ -149,6 +158,7 @@ def _told(path: Path, what: str) -> Iterator[None]:
         lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == path.resolve()]
         line = error.lineno if isinstance(error, SyntaxError) else lines[-1] if lines else None
         where = f", line {line}" if line is not None else ""
+        remedy = "compute on a copy of what it is given: array.copy()" if is_refused_write(error) else "mend it"
         raise ConfigError(
-            f"{path}{where}: {what} fails: {type(error).__name__}: {shown(error, 300)}; mend it"
+            f"{path}{where}: {what} fails: {type(error).__name__}: {shown(error, 300)}; {remedy}"
         ) from error

@@ -62,6 +62,8 @@ class SafetyRegion:
         self.indices = _scan_indices(bearings, n_bearings)
         self.range_m = self._ranges(beam_bearings(n_bearings)[self.indices]).astype(np.float32)
         self._n_bearings = n_bearings
+        for array in (self.outline_lidar, self.indices, self.range_m):
+            array.setflags(write=False)  # a reward term of the user's own sees the region, every agent its ranges
 
     def measure(self, scan: FlatScan) -> Clearance:
         """Return what the scan says along the region's bearings (V_obs), and whether any of it is a collision.

@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import ActionError
+from zebrat_bullet.files import shown
 from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command
 
@@ -23,16 +25,38 @@ class WheelTargets:
 
 
 def clip_command(command: Command, physics: PhysicsConfig) -> Command:
-    """Return the command within the limits of speed and steering.
+    """Return the command within the limits of speed and steering, as `in_floats`.
 
     Raises:
         ActionError: a number is not finite.
     """
-    v, delta = command.speed_mps, command.steering_rad
-    if not (math.isfinite(v) and math.isfinite(delta)):
-        raise ActionError(f"a command must be finite, got speed_mps={v}, steering_rad={delta}; nothing was simulated")
+    command = in_floats(command)
     v_max, delta_max = physics.max_speed_mps, physics.max_steering_rad
+    v, delta = command.speed_mps, command.steering_rad
     return Command(min(max(v, -v_max), v_max), min(max(delta, -delta_max), delta_max))
+
+
+def in_floats(command: Command) -> Command:
+    """Return the command in Python's own numbers, whatever a driver's are: in single precision none would replay.
+
+    Raises:
+        ActionError: speed or steering is not one finite number.
+    """
+    v, delta = _float(command.speed_mps), _float(command.steering_rad)
+    if not (math.isfinite(v) and math.isfinite(delta)):
+        got = f"speed_mps={shown(repr(command.speed_mps))}, steering_rad={shown(repr(command.steering_rad))}"
+        raise ActionError(f"a command must be finite numbers, got {got}; nothing was simulated")
+    return Command(v, delta)
+
+
+def _float(given: Any) -> float:
+    """Return a driver's number (NumPy's, torch's) as Python's own, nan for what is none."""
+    if isinstance(given, str | bytes) or getattr(given, "ndim", 0) != 0:
+        return math.nan
+    try:
+        return float(given)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def wheel_targets(command: Command, robot: RobotModel) -> WheelTargets:

@@ -11,9 +11,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from zebrat_bullet.arrays import Array, clamp, like, namespace, on_host, read_only
+from zebrat_bullet.arrays import Array, clamp, is_refused_write, like, namespace, on_host, read_only
 from zebrat_bullet.config import RewardConfig
-from zebrat_bullet.errors import ConfigError
+from zebrat_bullet.errors import ConfigError, ZebratError
+from zebrat_bullet.files import shown
 from zebrat_bullet.sensing.safety_region import SafetyRegion
 from zebrat_bullet.task.episode import Outcome
 from zebrat_bullet.types import Clearances, Commands
@@ -162,10 +163,14 @@ def _one_a_car(name: str, term: Callable[[RewardInput], Array], step: RewardInpu
     """Return what a term pays, weighted, in the precision of the speeds."""
     try:
         paid = term(step)
-    except ValueError as error:
-        if "read-only" not in str(error):
-            raise
-        raise ConfigError(f"reward term {name!r} writes to what it sees ({error}); let it compute on a copy") from error
+    except ZebratError:
+        raise
+    except Exception as error:
+        if is_refused_write(error):
+            said = f"writes to what it sees ({error}); let it compute on a copy"
+        else:
+            said = f"fails: {type(error).__name__}: {shown(error, 300)}; it is a function of a RewardInput: mend it"
+        raise ConfigError(f"reward term {name!r} {said}") from error
     speed = step.speed_mps
     alike = isinstance(paid, np.ndarray) == isinstance(speed, np.ndarray)
     if getattr(paid, "shape", None) != speed.shape or not alike or not (paid.dtype == speed.dtype or _is_real(paid)):
