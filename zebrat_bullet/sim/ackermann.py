@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from zebrat_bullet.config import PhysicsConfig
 from zebrat_bullet.errors import ActionError
 from zebrat_bullet.files import shown
-from zebrat_bullet.robot import RobotModel
 from zebrat_bullet.types import Command
+
+if TYPE_CHECKING:  # the robot's reader needs much that a driver's commands do not
+    from zebrat_bullet.robot import RobotModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ def _float(given: Any) -> float:
         return math.nan
 
 
-def wheel_targets(command: Command, robot: RobotModel) -> WheelTargets:
+def wheel_targets(command: Command, robot: "RobotModel") -> WheelTargets:
     """Turn the rear-axle speed and the virtual steering angle into joint targets with which no wheel scrubs.
 
     All wheels roll on circles about one centre on the rear axle's line, at distance L / tan(delta) to the left. Where a
@@ -84,7 +86,7 @@ def wheel_targets(command: Command, robot: RobotModel) -> WheelTargets:
     return WheelTargets((math.atan2(slope, left), math.atan2(slope, right)), wheels)
 
 
-def virtual_steering(left_rad: float, right_rad: float, robot: RobotModel) -> float:
+def virtual_steering(left_rad: float, right_rad: float, robot: "RobotModel") -> float:
     """Return the virtual centre-wheel angle of two knuckle angles, of the mean of the curvatures that each asks for."""
     half_over_base = robot.hinge_track_m / 2.0 / robot.wheelbase_m
     left, right = math.tan(left_rad), math.tan(right_rad)
