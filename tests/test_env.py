@@ -433,3 +433,19 @@ def test_the_reading_is_what_the_observation_is_made_of_and_the_whole_scan():
     np.testing.assert_array_equal(reading.scan.ranges_m[env.drive.region.indices], reading.clearance.obs_m)
     assert reading.last_command.speed_mps == pytest.approx(0.3) and reading.state is None and reading.walls is None
     env.close()
+
+
+@pytest.mark.parametrize("make", [lambda: ZebratEnv("track_2", caster="embree"), lambda: PlanarVectorEnv(2, "track_2")])
+def test_a_seed_may_be_numpys_and_one_that_is_none_is_refused_before_anything_changes(make):
+    env = make()
+    first, _ = env.reset(seed=3)
+    assert np.array_equal(env.reset(seed=np.int64(3))[0], first)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    other = copy.deepcopy(env) if isinstance(env, ZebratEnv) else None
+    for seed in (-1, 1.5, "12", True, [3]):
+        with pytest.raises(ConfigError, match="seed is a whole number from 0 up or None, got"):
+            env.reset(seed=seed)
+    if other is not None:
+        assert np.array_equal(env.step(action)[0], other.step(action)[0])
+        other.close()
+    env.close()

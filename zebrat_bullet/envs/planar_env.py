@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.arrays import like, on_host
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig
+from zebrat_bullet.envs.reset_options import seed_of
 from zebrat_bullet.envs.zebrat_env import spaces_of, varied
 from zebrat_bullet.errors import ActionError, ConfigError, EpisodeError
 from zebrat_bullet.files import shown
@@ -94,11 +95,12 @@ class PlanarVectorEnv(VectorEnv):
             (N, size) observations, and an info with `terms`, all 0.
 
         Raises:
-            ConfigError: there are options.
+            ConfigError: the seed is none, or there are options.
             EpisodeError: the cars are closed.
         """
         self._refuse_closed("reset")
         refuse_options(options)
+        seed = seed_of(seed)
         super().reset(seed=seed)
         observation = on_host(self.drive.reset(seed))
         return observation, {"terms": {name: np.zeros(self.num_envs, np.float32) for name in TERMS}}

@@ -14,6 +14,19 @@ from zebrat_bullet.world import World
 from zebrat_bullet.world.poses import pose_from, require_inside
 
 
+def seed_of(seed: object) -> int | None:
+    """Return the seed of a reset, a whole number from 0 up, numpy's among them; None stays None.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigError(f"reset's seed is a whole number from 0 up or None, got {shown(repr(seed))}")
+    return int(seed)
+
+
 def options_of(options: Mapping[str, Any] | None) -> tuple[int | None, Pose2 | None]:
     """Return the episode's number and the start pose that reset's options name."""
     options = {} if options is None else options

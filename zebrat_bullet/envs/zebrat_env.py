@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from zebrat_bullet.config import NoiseConfig, RewardConfig, TaskConfig, with_reward
 from zebrat_bullet.config_text import from_plain
-from zebrat_bullet.envs.reset_options import check_pose, options_of
+from zebrat_bullet.envs.reset_options import check_pose, options_of, seed_of
 from zebrat_bullet.errors import ConfigError, EpisodeError
 from zebrat_bullet.files import shown
 from zebrat_bullet.robot import load_robot
@@ -119,11 +119,13 @@ class ZebratEnv(gymnasium.Env):
 
         Raises:
             EpisodeError: the environment is closed.
-            ConfigError: an option is unknown, or none that could be meant; or the car would stand in a wall there.
+            ConfigError: the seed is none; an option is unknown, or none that could be meant; or the car would stand in
+                a wall there.
         """
         self._refuse_closed("reset")
         number, pose = options_of(options)
-        given, again = seed, seed is not None or self._seed is None
+        given = seed = seed_of(seed)
+        again = seed is not None or self._seed is None
         seed = self._seed if seed is None else seed
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
         number = (0 if again else self._n_episodes) if number is None else number
