@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from zebrat_bullet.agents import load_agent, trained_task
+from zebrat_bullet.agents import code_or_weights, load_agent, trained_task
 from zebrat_bullet.cli.main import main
 from zebrat_bullet.config import TaskConfig
 from zebrat_bullet.errors import AssetError, ConfigError
@@ -133,3 +133,13 @@ def test_two_drivers_of_one_name_have_each_its_own_neighbours_and_records(write,
     assert main(["evaluate", "--agent", *agents, *where, "--out", str(tmp_path / "out"), "--json"]) == 0
     assert list(json.loads(capfd.readouterr().out)) == agents
     assert len(list((tmp_path / "out").glob("*/scores.json"))) == 2
+
+
+def test_a_driver_counts_as_another_when_its_own_digest_changes(write) -> None:
+    one = code_or_weights(load_agent(f"{write()}:HalfSpeed", TaskConfig()))
+    with_weights = "privileged = frozenset()", "privileged = frozenset()\n    digest = str(HALF)"
+    path = Path(write(*with_weights))
+    at_half = code_or_weights(load_agent(f"{path}:HalfSpeed", TaskConfig()))
+    assert len({one, at_half}) == 2
+    path.with_name("helper.py").write_text("HALF = 0.25\n", encoding="utf-8")
+    assert code_or_weights(load_agent(f"{path}:HalfSpeed", TaskConfig())) != at_half

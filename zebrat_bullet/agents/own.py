@@ -30,7 +30,8 @@ class OwnAgent:
         name: what in the file made it.
 
     Attributes:
-        digest: first digits of the file's SHA-256: one that was edited is another driver.
+        digest: first digits of the SHA-256 of the file, and of the driver's own `digest` where it has one: one that was
+            edited, or says that it is another, is another driver.
     """
 
     def __init__(self, agent: Agent, path: Path, name: str) -> None:
@@ -38,6 +39,7 @@ class OwnAgent:
         with _told(path, "the agent"):
             missing = [part for part in ("name", "privileged", "reset", "act") if not hasattr(agent, part)]
             called, privileged = getattr(agent, "name", ""), getattr(agent, "privileged", ())
+            own = str(getattr(agent, "digest", ""))
         if missing:
             raise ConfigError(f"{path}: {type(agent).__name__} has no {', '.join(missing)}; {_HAS_TO}")
         if not isinstance(privileged, set | frozenset) or not privileged <= PRIVILEGES:
@@ -46,7 +48,7 @@ class OwnAgent:
                 "empty for none"
             )
         self.name, self.privileged = str(called), frozenset(privileged)
-        self.digest = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
+        self.digest = hashlib.sha256(path.read_bytes() + own.encode()).hexdigest()[:8]
 
     def reset(self, seed: int) -> None:
         """Reset the agent.
