@@ -284,3 +284,14 @@ def test_settings_that_planar_cars_do_not_have_are_told_what_to_use_instead(
         gymnasium.make_vec("ZebraT/Planar-v0", num_envs=2, **setting)
     with pytest.raises(ConfigError, match="planar cars are many at once"):
         gymnasium.make("ZebraT/Planar-v0")
+
+
+def test_a_refused_seed_leaves_the_returns_of_the_episodes_under_way():
+    cars = PlanarVecEnv(PlanarVectorEnv(2, "track_2"))
+    cars.reset()
+    cars.step(np.full((2, 2), 0.5, dtype=np.float32))
+    before = cars._returns.copy()
+    cars.seed(-1)
+    with pytest.raises(ConfigError, match="seed"):
+        cars.reset()
+    assert before.any() and np.array_equal(cars._returns, before)

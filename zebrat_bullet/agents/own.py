@@ -137,10 +137,9 @@ def _neighbours(folder: Path) -> Iterator[None]:
         yield
     finally:
         sys.path.remove(str(folder))
-        for name in set(sys.modules) - before:
-            top = name.partition(".")[0]
-            if top not in before and _lies_in(top, folder):
-                del sys.modules[name]
+        new = {name: name.partition(".")[0] for name in set(sys.modules) - before}
+        for name in [name for name, top in new.items() if top not in before and _lies_in(top, folder)]:
+            del sys.modules[name]
 
 
 def _lies_in(module: str, folder: Path) -> bool:

@@ -38,9 +38,10 @@ class PlanarVecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         """Begin an episode of every car."""
-        self._returns[:], self._lengths[:] = 0.0, 0
         seed, self._seed = self._seed, None
-        return self.env.reset(seed=seed)[0]
+        observation, _ = self.env.reset(seed=seed)
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return observation
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions."""

@@ -29,8 +29,9 @@ class ReplayableEnv(gymnasium.Wrapper):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next episode."""
-        self._actions.clear()
-        return self.env.reset(seed=seed, options=options)
+        begun = self.env.reset(seed=seed, options=options)
+        self._actions.clear()  # only now: one that was refused leaves the episode as it was
+        return begun
 
     def step(self, action: Any) -> Any:
         """Step and remember."""
