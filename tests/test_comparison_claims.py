@@ -434,20 +434,23 @@ def test_of_eight_tracks_each_might_as_well_have_the_other_sign():
 
 
 def test_on_held_out_tracks_it_is_counted_who_backs_up_where_nothing_asks_for_it():
-    def on_set(reversals: int, n_reversals: list[int]) -> list[dict[str, object]]:
-        rows = episodes("shipped", "corners", "s" * len(n_reversals), study="scale", sim="planar", reversals=reversals)
-        return [row | {"family": "corners", "n_reversals": n} for row, n in zip(rows, n_reversals, strict=True)]
+    def on_set(reversals: int, backed_m: list[float | None]) -> list[dict[str, object]]:
+        """Return drives all of which command it; how far they drove back is what counts, where that is known."""
+        rows = episodes("shipped", "corners", "s" * len(backed_m), study="scale", sim="planar", reversals=reversals)
+        more = {"family": "corners", "n_reversals": 4}
+        return [row | more | {"backed_m": way_m} for row, way_m in zip(rows, backed_m, strict=True)]
 
-    ends = [row | {"family": "deadends", "place": "deadends"} for row in on_set(0, [0, 1])]
-    drives = [*on_set(2, [2, 2, 0, 3]), *on_set(0, [0, 0, 0, 4, 0]), *ends]
-    clone = [row | {"method": "IL", "setting": "9 pairs"} for row in on_set(0, [0])]
-    made = tables(episodes=[*drives, *clone, *(row | {"setting": "99 pairs"} for row in clone)])
+    ends = [row | {"family": "deadends", "place": "deadends"} for row in on_set(0, [0.0, 1.0])]
+    drives = [*on_set(2, [0.05, 2.0, 0.0, 0.3]), *on_set(0, [0.0, 0.049, 0.0, 0.4, 0.0]), *ends]
+    clone = [row | {"method": "IL", "setting": "9 pairs"} for row in on_set(0, [0.0])]
+    unknown = [row | {"method": "DWA", "setting": "its own"} for row in on_set(0, [None])]
+    made = tables(episodes=[*drives, *unknown, *clone, *(row | {"setting": "99 pairs"} for row in clone)])
     parts = {part.title: part for part in scale_section(Evidence(made)).parts}
     _, success, backing = parts["By certified reversals"].blocks
     assert success.head == backing.head == ("set", "0", "2", "dead ends")
     assert [row[0] for row in backing.rows] == ["*episodes of a run*", "IL, 9 pairs", "IL, 99 pairs", "shipped"]
     assert [cell.text for cell in success.rows[0][1:]] == ["5", "4", "2"]
-    assert [cell.text for cell in success.rows[3][1:]] == ["100 %", "100 %", "100 %"]
+    assert [cell.text for cell in success.rows[4][1:]] == ["100 %", "100 %", "100 %"]
     assert [cell.text for cell in backing.rows[3][1:]] == ["20 %", "75 %", "50 %"]
 
 

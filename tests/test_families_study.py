@@ -9,6 +9,7 @@ import pytest
 from zebrat_bullet.cli import main
 from zebrat_bullet.config import EpisodeConfig, TaskConfig
 from zebrat_bullet.errors import ConfigError, PolicyError
+from zebrat_bullet.evaluation.endings import longest_way_back
 from zebrat_bullet.evaluation.families import judge_families
 from zebrat_bullet.planar.drive import PlanarDrive
 from zebrat_bullet.planar.trial import drive_out
@@ -27,6 +28,30 @@ def test_a_reversal_is_a_change_of_sign_however_long_the_car_stands_between() ->
     )
     assert trial.n_steps.tolist() == [6] * 4
     assert trial.n_reversals.tolist() == [5, 0, 1, 0]
+
+
+def test_how_far_planar_cars_back_up_is_what_their_poses_say_to_the_end_of_their_episodes() -> None:
+    """Cars go to and fro; one whose episode ends drives on in another, which does not count."""
+    rng, n, most = np.random.default_rng(0), 32, 40
+    task, world = TaskConfig(episode=EpisodeConfig(max_steps=most)), load_world("track_2")
+    actions = rng.uniform([-1.0, -1.0], [1.0, 1.0], (most, n, 2)).astype(np.float32).cumsum(0).clip(-1.0, 1.0)
+    where = np.zeros(n, dtype=np.int32)
+    asked = iter(actions)
+    drive = PlanarDrive(task, [world], n)
+    starts = drive.starts[0, :n]
+    trial = drive_out(drive, lambda seen: next(asked), where, starts)
+    twin = PlanarDrive(task, [world], n)
+    twin.begin_at(where, starts)
+    poses = [twin.poses()]
+    for i, action in enumerate(actions):
+        step = twin.step(action)
+        now = twin.poses()
+        now[step.ended] = step.last_pose
+        over = trial.n_steps <= i
+        poses.append(np.where(over[:, None], poses[-1], now))
+    ways = [longest_way_back(np.stack(poses)[:, car]) for car in range(n)]
+    assert trial.backed_m == pytest.approx(ways, abs=1e-9)
+    assert (trial.n_steps < most).sum() > 5 and max(ways) > 0.5 > min(ways)
 
 
 def test_policies_are_judged_on_the_same_tracks_of_each_family(tmp_path: Path) -> None:

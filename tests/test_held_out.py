@@ -129,8 +129,9 @@ def test_scores_are_those_counted_by_hand() -> None:
     outcome = np.array([[1, 1], [1, 2], [2, 2], [5, 1]], dtype=np.int8)
     tracks = TrackSet(name="s", robot="zebrat", sha256="0" * 64, tracks=tuple(facts))
     how = SetJudgement(episodes=2, task=TASK)
-    n_reversals = np.array([[0, 3], [1, 2], [0, 4], [0, 0]])
-    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0), n_reversals))
+    n_reversals = np.array([[0, 3], [1, 2], [0, 4], [0, 2]])
+    backed_m = np.array([[0.0, 0.05], [0.06, 1.0], [0.0, 2.0], [0.0, 0.049]])  # the last but as its commands say
+    score = _score(tracks, facts, how, Endings(outcome, np.full((4, 2), 12.0), n_reversals, backed_m))
     assert score.overall.success == 0.5 and score.overall.by_track == (2, 1, 0, 1) and score.over_least == 1.2
     assert score.overall.causes["collision"] == 3 and score.overall.causes["stall"] == 1
     assert {name: (at.tracks, at.success) for name, at in score.by_difficulty.items()} == {
@@ -139,7 +140,7 @@ def test_scores_are_those_counted_by_hand() -> None:
     assert {name: (at.tracks, at.success) for name, at in score.by_reversals.items()} == {
         "0": (1, 1.0), "2": (2, 0.25), "6+": (1, 0.5),
     }  # fmt: skip
-    assert {name: at.reversing for name, at in score.by_reversals.items()} == {"0": 0.5, "2": 0.75, "6+": 0.0}
+    assert {name: at.backing for name, at in score.by_reversals.items()} == {"0": 0.5, "2": 0.75, "6+": 0.0}
     assert {name: (at.tracks, at.success) for name, at in score.by_clearance.items()} == {
         "from 30 mm": (2, 0.75), "8 to 30 mm": (1, 0.5), "under 8 mm": (1, 0.0),
     }  # fmt: skip
@@ -150,7 +151,7 @@ def test_scores_are_those_counted_by_hand() -> None:
 def test_the_worst_tenth_is_of_the_tracks() -> None:
     outcome = np.ones((20, 4), dtype=np.int8)
     outcome[3], outcome[7, :2] = 2, 2
-    score = tracks_score(Endings(outcome, np.ones((20, 4)), np.zeros((20, 4), np.int64)))
+    score = tracks_score(Endings(outcome, np.ones((20, 4)), np.zeros((20, 4), np.int64), np.zeros((20, 4))))
     assert score.worst_tenth == 0.25 and score.worst_tenth_ci[0] <= 0.25 <= score.worst_tenth_ci[1]
 
 
@@ -199,7 +200,7 @@ def test_every_episode_on_a_set_is_kept_with_the_facts_of_its_track(
     assert {at.agent for at in kept} == set(agents)
     scores = json.loads((tmp_path / "out" / "scores.json").read_text(encoding="utf-8"))
     for at in kept:
-        assert at.outcome.shape == at.time_s.shape == at.n_reversals.shape == (len(made.tracks), 2)
+        assert at.outcome.shape == at.time_s.shape == at.n_reversals.shape == at.backed_m.shape == (len(made.tracks), 2)
         assert (at.outcome == "success").sum(axis=1).tolist() == scores[at.agent]["overall"]["by_track"]
         facts = list(zip(at.family, at.track_seed, at.difficulty, at.reversals, strict=True))
         assert facts == [(track.family, track.seed, track.difficulty, track.reversals) for track in made.tracks]
@@ -219,10 +220,11 @@ def test_episodes_that_do_not_fit_together_are_refused_by_name(tmp_path: Path) -
             fingerprint="",
         )
     ]
-    endings = Endings(np.array([[1, 2]], np.int8), np.array([[15.2, 8.0]]), np.array([[0, 3]]))
+    endings = Endings(np.array([[1, 2]], np.int8), np.array([[15.2, 8.0]]), np.array([[0, 3]]), np.array([[0.0, 0.7]]))
     whole = set_episodes("shipped", "corners", "planar", 0, tracks, endings)
     save_set_episodes(replace(whole, time_s=np.zeros((1, 3))), tmp_path / "bad.npz")
     with pytest.raises(ZebratError, match=r"bad\.npz: holds no episodes of a set .*time_s"):
         load_set_episodes(tmp_path / "bad.npz")
     save_set_episodes(whole, tmp_path / "good.npz")
-    assert load_set_episodes(tmp_path / "good.npz").n_reversals.tolist() == [[0, 3]]
+    kept = load_set_episodes(tmp_path / "good.npz")
+    assert kept.n_reversals.tolist() == [[0, 3]] and kept.backed_m.tolist() == [[0.0, 0.7]]

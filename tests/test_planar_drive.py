@@ -198,6 +198,7 @@ def test_the_next_episode_begins_in_the_step_that_ends_one(worlds: list[World]) 
         mirror._trail.follow(mirror.sim.command)
         mirror.sim.look()
         assert np.array_equal(step.last_observation, mirror._observe()[step.ended])
+        assert np.array_equal(step.last_pose, mirror.poses()[step.ended])
         starts = drive.starts[drive.sim.world, drive._start]
         first = mirror.begin_at(drive.sim.world, starts)
         assert np.array_equal(step.observation[step.ended], first[step.ended])

@@ -33,6 +33,12 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float
     )
 
 
+def driven_forward(before: NDArray[np.floating], after: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return how far in m cars moved along their headings, (N,): (N, 3) poses before and after; negative is back."""
+    moved, yaw = after[:, :2] - before[:, :2], before[:, 2]
+    return moved[:, 0] * np.cos(yaw) + moved[:, 1] * np.sin(yaw)
+
+
 def to_world(points_base: NDArray[np.float64], pose: Pose2) -> NDArray[np.float64]:
     """Move (K, 2) points in m from the base frame of a car at `pose` into the world frame."""
     return np.asarray(points_base) @ rotation_2d(pose.yaw).T + (pose.x, pose.y)

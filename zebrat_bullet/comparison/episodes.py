@@ -64,6 +64,7 @@ def set_rows(folder: Path, who: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
                 "outcome": str(made.outcome[track, episode]),
                 "duration_s": float(made.time_s[track, episode]),
                 "n_reversals": int(made.n_reversals[track, episode]),
+                "backed_m": round(float(made.backed_m[track, episode]), 4),
             }
 
 
@@ -91,7 +92,7 @@ def _measured(record: EpisodeRecord) -> dict[str, Any]:
         "min_gap_m": record.min_gap_m,
         "steering_effort_rad": float(np.abs(np.diff(record.command[:, 1])).sum()),
         "distance_m": float(np.hypot(moved[:, 0], moved[:, 1]).sum()),
-        "backed_m": longest_way_back(record.pose),
+        "backed_m": round(longest_way_back(record.pose), 4),
         **{"x0": x0, "y0": y0, "yaw0": yaw0, "x1": x1, "y1": y1, "yaw1": yaw1},
     }
 

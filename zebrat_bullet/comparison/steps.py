@@ -15,6 +15,7 @@ from zebrat_bullet.comparison.policies import Place, best_model, best_policy
 from zebrat_bullet.comparison.records import digest, read_records
 from zebrat_bullet.errors import ConfigError, ZebratError
 from zebrat_bullet.evaluation.csv_log import read_rows
+from zebrat_bullet.evaluation.set_episodes import SCHEMA
 from zebrat_bullet.evaluation.track_set import TrackSet, read_set
 from zebrat_bullet.files import is_file, read_json
 from zebrat_bullet.training.run_folder import is_finished
@@ -188,7 +189,7 @@ class Judge:
             "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
-        return made_by if world is None else made_by | {"world": world}
+        return made_by | ({"format": SCHEMA} if world is None else {"world": world})
 
     def is_done(self) -> bool:
         """Return whether it is driven, or kept."""

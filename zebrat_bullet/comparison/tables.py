@@ -54,11 +54,12 @@ episodes: a judged episode a row. `agent` as `--agent` takes it, never an absolu
     trained here; `sim` "bullet", "planar" or "mujoco"; `place` a world or a held-out set, and of a set's tracks
     `family`, `difficulty`, `reversals` (of the certificate) and `track_seed`; `noise` "" where there is none;
     `n_reversals` how often the commanded speed changed its sign, `backed_m` the longest way in m that the car really
-    drove back in one go (null where its record is gone); `min_gap_m` the smallest V_obs - V_range;
+    drove back in one go, to 0.1 mm (null where it is not known); `min_gap_m` the smallest V_obs - V_range;
     `steering_effort_rad` the sum of |change| of the commanded steering; start pose x0, y0, yaw0 and end pose x1, y1,
-    yaw1 of the body centre in m, m, rad, world frame. Planar cars leave no path: all from `min_gap_m` to `yaw1` is
-    null. `made_by` is a digest of what the outcome depends on (policy, simulator, seed, options, set and how many of
-    its tracks): where it differs, the episodes are driven anew.
+    yaw1 of the body centre in m, m, rad, world frame. Planar cars leave no path: of all from `min_gap_m` to `yaw1`
+    they have `backed_m` alone. `made_by` is a digest of what the outcome depends on (policy, simulator, seed, options,
+    set and how many of its tracks) and, of a set, of what is kept of it: where it differs, the episodes are driven
+    anew.
 paths: of every episode in a world at most 64 places of the body centre in m, to the centimetre, world frame, evenly
     over its steps.
 collisions: a case of the collision study a row, as its cases.csv has them; `detected` of `events` contacts in time.

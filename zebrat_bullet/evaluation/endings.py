@@ -14,12 +14,15 @@ from zebrat_bullet.errors import ConfigError, PolicyError
 from zebrat_bullet.evaluation.planar_policy import cars_for
 from zebrat_bullet.evaluation.rollout import drive_episodes
 from zebrat_bullet.evaluation.workers import worker_pool
+from zebrat_bullet.geometry import driven_forward
 from zebrat_bullet.planar.drive import N_STARTS
 from zebrat_bullet.planar.trial import drive_out
 from zebrat_bullet.task.episode import OUTCOMES, Outcome
 from zebrat_bullet.world import World
 
 SIMULATORS = ("planar", *ENGINES)
+BACKED_M = 0.05
+"""A car has backed up if it drove back so far in one go; a command alone need not move it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +33,23 @@ class Endings:
         outcome: (W, E) int8, codes of `Outcome`.
         time_s: (W, E) float64, simulated time that each took.
         n_reversals: (W, E) int64, how often the commanded speed changed its sign.
+        backed_m: (W, E) float64, the longest way in m that the car drove back in one go.
     """
 
     outcome: NDArray[np.int8]
     time_s: NDArray[np.float64]
     n_reversals: NDArray[np.int64]
+    backed_m: NDArray[np.float64]
 
     @property
     def success(self) -> NDArray[np.bool_]:
         """Return (W, E) which episodes succeeded."""
         return self.outcome == Outcome.SUCCESS.code
+
+    @property
+    def backed_up(self) -> NDArray[np.bool_]:
+        """Return (W, E) in which episodes the car drove back at least `BACKED_M` in one go."""
+        return self.backed_m >= BACKED_M
 
     def causes(self) -> dict[str, int]:
         """Return the number of episodes by outcome."""
@@ -100,9 +110,14 @@ def planar_endings(
         return actions + rng.normal(0.0, action_noise, actions.shape).astype(np.float32)
 
     trial = drive_out(drive, act, where, poses, on_end)
-    shape = (len(worlds), episodes)
     time_s = trial.n_steps.astype(np.float64) * task.physics.control_step_s
-    return Endings(trial.outcome.reshape(shape), time_s.reshape(shape), trial.n_reversals.reshape(shape))
+    shape = (len(worlds), episodes)
+    return Endings(
+        trial.outcome.reshape(shape),
+        time_s.reshape(shape),
+        trial.n_reversals.reshape(shape),
+        trial.backed_m.reshape(shape),
+    )
 
 
 def engine_endings(
@@ -145,7 +160,7 @@ def engine_endings(
 def in_order(found: Mapping[int, Endings]) -> Endings:
     """Return the endings of all worlds in one, by their places."""
     each = [found[i] for i in sorted(found)]
-    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals"))
+    parts = ([getattr(at, name) for at in each] for name in ("outcome", "time_s", "n_reversals", "backed_m"))
     return Endings(*(np.concatenate(part) for part in parts))
 
 
@@ -161,7 +176,8 @@ def _drive_world(
     records = list(drive_episodes(agent, task, world, seed, range(episodes), action_noise, supervised_m))
     outcome = np.array([[Outcome(record.outcome).code for record in records]], dtype=np.int8)
     time_s = np.array([[record.duration_s for record in records]])
-    return Endings(outcome, time_s, np.array([[count_reversals(record.command[:, 0]) for record in records]]))
+    n_reversals = np.array([[count_reversals(record.command[:, 0]) for record in records]])
+    return Endings(outcome, time_s, n_reversals, np.array([[longest_way_back(record.pose) for record in records]]))
 
 
 def count_reversals(speeds_mps: NDArray[np.float64]) -> int:
@@ -176,6 +192,5 @@ def longest_way_back(poses: NDArray[np.float64]) -> float:
     Args:
         poses: (T, 3) x, y in m and yaw in rad, a control step apart.
     """
-    moved, yaw = np.diff(poses[:, :2], axis=0), poses[:-1, 2]
-    reached = np.concatenate([[0.0], np.cumsum(moved[:, 0] * np.cos(yaw) + moved[:, 1] * np.sin(yaw))])
+    reached = np.concatenate([[0.0], np.cumsum(driven_forward(poses[:-1], poses[1:]))])
     return float((np.maximum.accumulate(reached) - reached).max())

@@ -19,7 +19,7 @@ class FamilyScore:
 
     Attributes:
         score: success, overall and on the worst tenth of the tracks.
-        reversals: mean number of times that the car changed its direction, over the successes; None without any.
+        reversals: mean number of times that the commanded speed changed its sign, over the successes; None without any.
     """
 
     score: TracksScore

@@ -29,13 +29,13 @@ class Group:
     Attributes:
         tracks: so many.
         success, success_ci: share of the episodes, and its 95 % interval (`tracks_interval`).
-        reversing: share of the episodes in which the car changed its direction.
+        backing: share of the episodes in which the car backed up (`Endings.backed_up`).
     """
 
     tracks: int
     success: float
     success_ci: tuple[float, float]
-    reversing: float
+    backing: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +217,6 @@ def _groups(endings: Endings, of_tracks: Iterable[str], names: Iterable[str]) ->
                 tracks=len(of_name),
                 success=float(success.mean()),
                 success_ci=tracks_interval(success.sum(axis=1), success.shape[1]),
-                reversing=float((endings.n_reversals[of_name] > 0).mean()),
+                backing=float(endings.backed_up[of_name].mean()),
             )
     return groups

@@ -14,9 +14,9 @@ from zebrat_bullet.evaluation.track_set import SetTrack
 from zebrat_bullet.files import refusing
 from zebrat_bullet.task.episode import OUTCOMES
 
-SCHEMA = "zebrat-set-episodes-1"
+SCHEMA = "zebrat-set-episodes-2"
 _KINDS = {"family": "U", "track_seed": "i", "difficulty": "f", "reversals": "i"}
-_ENDING_KINDS = {"outcome": "U", "time_s": "f", "n_reversals": "i"}
+_ENDING_KINDS = {"outcome": "U", "time_s": "f", "n_reversals": "i", "backed_m": "f"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +30,7 @@ class SetEpisodes:
         outcome: (W, E) names of outcomes.
         time_s: (W, E) simulated time.
         n_reversals: (W, E) how often the commanded speed changed its sign.
+        backed_m: (W, E) the longest way in m that the car drove back in one go.
     """
 
     agent: str
@@ -43,6 +44,7 @@ class SetEpisodes:
     outcome: NDArray[np.str_]
     time_s: NDArray[np.float64]
     n_reversals: NDArray[np.int64]
+    backed_m: NDArray[np.float64]
 
 
 def set_episodes(
@@ -62,6 +64,7 @@ def set_episodes(
         outcome=np.array([[names[int(code)] for code in row] for row in endings.outcome]),
         time_s=endings.time_s,
         n_reversals=endings.n_reversals,
+        backed_m=endings.backed_m,
     )
 
 

@@ -197,7 +197,7 @@ def _drive(study: WidthStudy, name: str, agent: Agent, worlds: list[World]) -> I
     found = planar_endings(agent, study.task, worlds, study.episodes, seed=seed, action_noise=noise)
     for i in range(len(worlds)):
         part = slice(i, i + 1)
-        yield i, Endings(found.outcome[part], found.time_s[part], found.n_reversals[part])
+        yield i, Endings(found.outcome[part], found.time_s[part], found.n_reversals[part], found.backed_m[part])
 
 
 def _sim(study: WidthStudy, agent: Agent) -> str:

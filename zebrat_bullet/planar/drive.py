@@ -41,6 +41,7 @@ class PlanarStep:
         outcome: (N,) int8, codes of `Outcome`, 0 where the episode goes on.
         ended: (K,) the cars whose episodes have ended, ascending.
         last_observation: (K, size) float32, the last of their episodes.
+        last_pose: (K, 3) float64, where these ended, on the host: x, y in m and yaw in rad, world frame.
         world: (K,) the worlds of these episodes, by their place in `worlds`.
         start: (K,) their start poses, by their place in `starts` of that world.
     """
@@ -51,6 +52,7 @@ class PlanarStep:
     outcome: Array
     ended: NDArray[np.intp]
     last_observation: Array
+    last_pose: NDArray[np.float64]
     world: NDArray[np.int32]
     start: NDArray[np.int32]
 
@@ -146,8 +148,11 @@ class PlanarDrive:
 
     def poses(self) -> NDArray[np.float64]:
         """Return where the cars stand, on the host: (N, 3) x, y in m and yaw in rad, each in its world's frame."""
-        poses = on_host(self.sim.pose).astype(np.float64)
-        poses[:, :2] += self.sim.origin[on_host(self.sim.world)]
+        return self._poses(slice(None))
+
+    def _poses(self, cars: NDArray[np.intp] | slice) -> NDArray[np.float64]:
+        poses = on_host(self.sim.pose[cars]).astype(np.float64)
+        poses[:, :2] += self.sim.origin[on_host(self.sim.world[cars])]
         return poses
 
     def _note_worlds(self, worlds: Sequence[World]) -> None:
@@ -221,13 +226,13 @@ class PlanarDrive:
         reward = rewards(terms, outcome, self.task.reward)
         observation = self._observe()
         ended = np.flatnonzero(on_host(outcome))
-        last = observation[ended]
+        last, last_pose = observation[ended], self._poses(ended)
         world, start = on_host(sim.world[ended]).copy(), self._start[ended]
         if len(ended):
             self._begin(ended)
             sim.look(ended)
             observation[ended] = self._observe()[ended] if len(ended) > self.n_cars // 2 else self._observe(ended)
-        return PlanarStep(observation, reward, terms, outcome, ended, last, world, start)
+        return PlanarStep(observation, reward, terms, outcome, ended, last, last_pose, world, start)
 
     def _begin(self, cars: NDArray[np.intp]) -> None:
         """Draw world, start, dynamics and noise of the next episode of some cars, and stand them there."""

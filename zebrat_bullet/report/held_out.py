@@ -27,7 +27,7 @@ def set_table(scores: Mapping[str, SetScore]) -> str:
     tables = [
         _by_group("difficulty", {agent: at.by_difficulty for agent, at in scores.items()}, _success),
         _by_group("reversals of the certificate", reversals, _success),
-        _by_group("the same; the car itself reversed in", reversals, lambda group: f"{group.reversing:.1%}"),
+        _by_group("the same; the car itself backed up in", reversals, lambda group: f"{group.backing:.1%}"),
         _by_group("clearance of the certificate", {agent: at.by_clearance for agent, at in scores.items()}, _success),
     ]
     return "\n\n".join([title, "\n".join(rows), *tables])

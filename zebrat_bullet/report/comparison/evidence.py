@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from zebrat_bullet.evaluation.endings import BACKED_M
 from zebrat_bullet.report.comparison.statistics import Rate
 
 TRACKS = tuple(f"track_{i}" for i in range(1, 9))
@@ -23,8 +24,6 @@ VARIANTS = {"": "", "crash": "a contact costs 400", "margin": "2 cm from a wall 
 METHODS = ("DWA", "TEB", "IL", "RL_WG", "RL_FT", "RL_FOT", "RL_FOMT")
 """In the order of the paper's Table II."""
 OURS = "RL_FOMT"
-BACKED_M = 0.05
-"""A car has backed up if it drove back so far in one go."""
 Way = NDArray[np.float32]
 """(N, 2) places of the body centre in m, world frame."""
 Scope = Literal["paper", "finetuned", "cloning", "scale"]
@@ -117,7 +116,7 @@ class Evidence:
         runs, learning, collisions: rows, as dictionaries by column.
         drives: episodes in worlds.
         held_out: counts of episodes on held-out sets: study, method, setting, noise, run, sim, place, family,
-            reversals (of the certificate), outcome, reversed (whether the commanded speed changed its sign), n.
+            reversals (of the certificate), outcome, backed (whether the car backed up; None where nobody knows), n.
     """
 
     def __init__(self, tables: Mapping[str, Any]) -> None:
@@ -130,9 +129,9 @@ class Evidence:
         self.drives = [Drive(**row) for row in episodes.filter(in_worlds).select(columns).to_pylist()]
         keys = ["study", "method", "setting", "noise", "run", "sim", "place", "family", "reversals", "outcome"]
         on_tracks = episodes.filter(episodes["family"].is_valid())
-        backwards = [(n or 0) > 0 for n in on_tracks["n_reversals"].to_pylist()]
-        keys.append("reversed")
-        counted = on_tracks.append_column("reversed", [backwards]).group_by(keys).aggregate([([], "count_all")])
+        backed = [None if way_m is None else way_m >= BACKED_M for way_m in on_tracks["backed_m"].to_pylist()]
+        keys.append("backed")
+        counted = on_tracks.append_column("backed", [backed]).group_by(keys).aggregate([([], "count_all")])
         counted = counted.rename_columns([*keys, "n"]).sort_by([(key, "ascending") for key in keys])
         self.held_out: list[dict[str, Any]] = counted.to_pylist()
         self._paths = tables["paths"]

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from zebrat_bullet.evaluation.endings import BACKED_M
 from zebrat_bullet.report.comparison.document import Block, Cell, Grid, Picture, Row, Section, Text
 from zebrat_bullet.report.comparison.evidence import (
     STRAIGHT_OUT,
@@ -122,7 +123,7 @@ def _held_out(evidence: Evidence, group: Callable[[_Counted], str]) -> list[Bloc
 
 
 def _by_reversals(evidence: Evidence) -> list[Block]:
-    """Return success by the certificate's reversals, and who reverses."""
+    """Return success by the certificate's reversals, and who backs up."""
     blocks = _held_out(evidence, _reversals)
     shares, _ = _shares(evidence, _reversals, lambda row: row["outcome"] == "success")
     if not shares:
@@ -131,17 +132,17 @@ def _by_reversals(evidence: Evidence) -> list[Block]:
     plain = {label: {n: v for n, v in of.items() if n != _DEAD_END} for label, of in plain.items()}
     drawn = draw_seed_lines(plain, "reversals of the certificate")
     backing = _grid(
-        *_shares(evidence, _reversals, lambda row: row["reversed"]),
-        "Episodes in which the commanded speed changed its sign at least once, by the reversals of the certificate: "
-        "under 0 it need not. Mean over seeds, and in brackets from the least to the greatest.",
+        *_shares(evidence, _reversals, lambda row: row["backed"]),
+        f"Episodes in which the car drove back at least {100 * BACKED_M:.0f} cm in one go, by the reversals of the "
+        "certificate: under 0 it need not. Mean over seeds, and in brackets from the least to the greatest.",
     )
     return [Picture("held_out_reversals", drawn, "Success by certified reversals"), *blocks, backing]
 
 
 def _shares(
-    evidence: Evidence, group: Callable[[_Counted], str], what: Callable[[_Counted], bool]
+    evidence: Evidence, group: Callable[[_Counted], str], what: Callable[[_Counted], bool | None]
 ) -> tuple[_Shares, dict[str, int]]:
-    """Return which share of a run's episodes on held-out tracks is so, and how many a run drove in each group."""
+    """Return which share of a run's episodes on held-out tracks is so, and of how many by group; None is not known."""
     counts: dict[str, dict[str, dict[str, list[int]]]] = defaultdict(
         lambda: defaultdict(lambda: defaultdict(lambda: [0, 0]))
     )
@@ -149,12 +150,14 @@ def _shares(
     for row in evidence.held_out:
         if row["study"] not in ("scale", "rivals") or row["noise"]:
             continue
-        label = _label(evidence, row["method"], row["run"])
+        is_so, label = what(row), _label(evidence, row["method"], row["run"])
+        if is_so is None:
+            continue
         if row["run"] is None and row["setting"]:  # of what is not trained here each setting is another driver
             label += f", {row['setting']}"
         name = group(row)
         at = counts[label][name][row["run"] or ""]
-        at[0] += row["n"] if what(row) else 0
+        at[0] += row["n"] if is_so else 0
         at[1] += row["n"]
         numbers[name] = max(numbers[name], at[1])
     shares = {
