@@ -236,13 +236,30 @@ def test_fine_tuning_stands_beside_what_it_began_with_on_the_same_starts():
     made = finetuning_section(Evidence(tables(runs=runs, episodes=drives)))
     grid = next(block for block in made.blocks if isinstance(block, Grid))
     n_worlds = len(TRACKS) + 1
-    by_kind = {row[1].split(",")[1] if "," in row[1] else row[1]: row[2 + n_worlds :] for row in grid.rows}
+    by_kind = {row[1].split(",")[1] if "," in row[1] else row[1]: row[4 + n_worlds :] for row in grid.rows}
     before, after, cloning = ([str(getattr(cell, "text", cell)) for cell in row] for row in by_kind.values())
     assert before[0].startswith("40 of 160") and before[1:] == ["", "", ""]
     assert after[:3] == [after[0], "120", "0"] and by_kind[" at the same rates"][3].kind == "good"
     assert cloning[1:3] == ["0", "8"] and by_kind[" drawn to the actions of its replay"][3].kind == "bad"
-    assert next(iter(grid.rows))[2] == MISSING  # big_track, which nobody drove
+    assert next(iter(grid.rows))[4] == MISSING  # big_track, which nobody drove
     assert finetuning_section(Evidence(tables(episodes=everyone()))) is None
+
+
+def test_every_seed_of_a_fine_tuning_has_a_row_with_what_its_own_evaluations_found_on_the_way():
+    runs = [run("before"), *(run(f"after{seed}", study="finetuning", seed=seed) for seed in (0, 1))]
+    drives = [row for place in TRACKS for row in episodes("RL_FOMT", place, "sc", run="before")]
+    for seed, outcomes in ((0, "ss"), (1, "cc")):
+        for place in TRACKS:
+            drives += episodes("RL_FOMT", place, outcomes, study="finetuning", run=f"after{seed}")
+    learning = [
+        {"run": "after1", "episode": steps, "total_steps": steps, "success": success}
+        for steps, success in ((200, 0.25), (0, 1.0), (100, 0.5), (150, None))
+    ]
+    made = finetuning_section(Evidence(tables(runs=runs, episodes=drives, learning=learning)))
+    grid = next(block for block in made.blocks if isinstance(block, Grid))
+    rows = [tuple(str(getattr(cell, "text", cell)) for cell in row) for row in grid.rows]
+    assert [row[2:4] for row in rows] == [("", ""), ("0", "-"), ("1", "38, 25")]
+    assert [row[-3:-1] for row in rows] == [("", ""), ("8", "0"), ("0", "8")]
 
 
 def test_what_a_fine_tuning_began_with_is_shown_on_the_starts_that_were_driven_after_it_alone():
