@@ -25,7 +25,7 @@ from zebrat_bullet.evaluation.metrics import score
 from zebrat_bullet.evaluation.records import EpisodeRecord, load_record, save_record
 from zebrat_bullet.evaluation.rollout import replay_episode, run_episode
 from zebrat_bullet.geometry import to_world
-from zebrat_bullet.robot import load_robot, within_limits
+from zebrat_bullet.robot import RobotModel, load_robot, within_limits
 from zebrat_bullet.sim.simulation import Simulation
 from zebrat_bullet.task.drive import Drive
 from zebrat_bullet.types import Command, Dynamics, FlatScan, Pose2, Reading
@@ -386,21 +386,36 @@ def test_the_car_brakes_in_physics_at_least_as_hard_as_its_numbers_say(
     factors = []
     for steering in (0.0, 0.2, 0.4, 0.6, -0.6):
         for speed in (0.6, -0.6):
-            simulation.reset(Pose2(0.0, 0.0, 0.0))
-            for _ in range(10):
-                state = simulation.step(Command(speed, steering))
-            v, metres, pose = state.speed_mps, 0.0, state.pose
-            for _ in range(3):
-                for touches in simulation.substeps(Command(0.0, steering)):
-                    after = simulation.read(touches).pose
-                    axles = [
-                        (p.x + car.rear_axle_x_m * math.cos(p.yaw), p.y + car.rear_axle_x_m * math.sin(p.yaw))
-                        for p in (pose, after)
-                    ]
-                    metres, pose = metres + math.dist(*axles), after
+            v, metres = brake(simulation, car, Command(speed, steering))
             factors.append(v * v / (2.0 * metres) / car.deceleration_mps2)
     assert min(factors) >= 1.0
     assert min(factors) < 1.6  # nor is it far too careful, which would stop cars that have room
+
+
+def test_braking_takes_what_the_page_says(simulate: Callable[..., Simulation], robot: RobotModel) -> None:
+    car = car_of(robot, within_limits(PhysicsConfig(), robot))
+    assert car.deceleration_mps2 == pytest.approx(3.08, abs=0.005)
+    for steering, metres in ((0.0, 0.049), (0.3, 0.050), (0.45, 0.053), (0.6, 0.057)):
+        for speed in (0.6, -0.6):
+            v, driven = brake(simulate(robot=robot), car, Command(speed, steering))
+            assert driven * (0.6 / v) ** 2 == pytest.approx(metres, abs=0.001)
+
+
+def brake(simulation: Simulation, car: Car, command: Command) -> tuple[float, float]:
+    """Drive by a command for 2 s, then by none; return the speed in m/s and the way in m of the rear axle to rest."""
+    simulation.reset(Pose2(0.0, 0.0, 0.0))
+    for _ in range(10):
+        state = simulation.step(command)
+    v, metres, pose = state.speed_mps, 0.0, state.pose
+    for _ in range(3):
+        for touches in simulation.substeps(Command(0.0, command.steering_rad)):
+            after = simulation.read(touches).pose
+            axles = [
+                (p.x + car.rear_axle_x_m * math.cos(p.yaw), p.y + car.rear_axle_x_m * math.sin(p.yaw))
+                for p in (pose, after)
+            ]
+            metres, pose = metres + math.dist(*axles), after
+    return v, metres
 
 
 def nearest_m(record: EpisodeRecord) -> float:
