@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from zebrat_bullet.report.comparison.evidence import Drive, Evidence, Scope, rate, succeeded
-from zebrat_bullet.report.comparison.shares import compare, share
+from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, rate, succeeded
+from zebrat_bullet.report.comparison.shares import compare, compare_places, share
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, LEVEL, Difference, holm, paired_test
 
 MARGIN = 0.05
@@ -123,10 +123,21 @@ def every(*rules: Rule) -> Rule:
     return lambda evidence, scope: weakest([rule(evidence, scope) for rule in rules])
 
 
+def by_budget(at_paper: Rule, at_scale: Rule) -> Rule:
+    """Return the rule that asks one thing at the paper's budget, another at scale."""
+    return lambda evidence, scope: (at_paper if scope == "paper" else at_scale)(evidence, scope)
+
+
 def at_paper_only(rule: Rule, reason: str) -> Rule:
     """Return a rule of the paper's budget, which cannot be asked at scale."""
     not_asked = Finding(Verdict.UNDECIDED, reason, "not asked")
     return lambda evidence, scope: rule(evidence, scope) if scope == "paper" else not_asked
+
+
+def is_often(interval: tuple[float, float]) -> Verdict:
+    """Return whether a share is that of something that happens often, from its interval."""
+    low, high = interval
+    return Verdict.UPHELD if low > OFTEN else Verdict.NOT_UPHELD if high < OFTEN else Verdict.UNDECIDED
 
 
 def often(
@@ -138,20 +149,51 @@ def often(
         at = share(evidence, scope, method, places, what)
         if at is None:
             return without(evidence, scope, [method])
-        low, high = at.interval
-        verdict = Verdict.UPHELD if low > OFTEN else Verdict.NOT_UPHELD if high < OFTEN else Verdict.UNDECIDED
         left = [share(evidence, scope, method, [place]) for place in places]
         each = ", ".join(f"{place} {one.value:.0%}" for place, one in zip(places, left, strict=True) if one)
         others = [(name, share(evidence, scope, name, places, what)) for name in beside]
         said = "".join(f"; {name} {word} in {other.words}" for name, other in others if other)
-        return Finding(verdict, f"{method} {word} in {at.words}; success by track: {each}{said}")
+        return Finding(is_often(at.interval), f"{method} {word} in {at.words}; success by track: {each}{said}")
 
     return rule
 
 
-def often_fails(method: str, places: Sequence[str], beside: Sequence[str] = ()) -> Rule:
+def often_fails(method: str, places: Sequence[str]) -> Rule:
     """Return the rule that a method often ends without success in some worlds."""
-    return often(method, places, lambda drive: not drive.success, "does not leave", beside)
+    return often(method, places, _not_left, "does not leave")
+
+
+def fails_there(method: str, places: Sequence[str], beside: Sequence[str] = ()) -> Rule:
+    """Return the rule that a method often ends without success in some of Tracks 1 to 8, and oftener than elsewhere.
+
+    Else it is not these worlds that it fails at.
+    """
+    others = [place for place in TRACKS if place not in places]
+
+    def oftener(evidence: Evidence, scope: Scope) -> Finding:
+        compared = compare_places(evidence, scope, method, places, others, _not_left)
+        if compared is None:
+            return without(evidence, scope, [method])
+        said = f"{method} does not leave in {compared.words}; {compared.difference}"
+        return decide(compared.difference, 1.0 - compared.shares[1], said)
+
+    return every(often(method, places, _not_left, "does not leave", beside), oftener)
+
+
+def _not_left(drive: Drive) -> bool:
+    return not drive.success
+
+
+def without_a_car(rule: Rule) -> Rule:
+    """Return a rule whose numbers stand beside a claim of a real car, which no simulation can decide."""
+
+    def undecided(evidence: Evidence, scope: Scope) -> Finding:
+        found = rule(evidence, scope)
+        if found.why == "not driven":
+            return found
+        return Finding(Verdict.UNDECIDED, f"no real car was driven; simulated {found.evidence}", "not asked")
+
+    return undecided
 
 
 def mostly_leaves(method: str, places: Sequence[str]) -> Rule:
@@ -194,7 +236,8 @@ def leads(method: str, rivals: Sequence[str], places: Sequence[str], needed: Seq
         missing = sorted({name for name in who for at in places if not drives[name, at]})
         said = f"among {len(who) + 1} methods highest in {len(ahead[method])} of {len(driven)} tracks, alone in "
         said += f"{len(alone)}; beaten in {len(_beaten(method, who, driven, drives))} by a paired test over starts"
-        said += f"; highest as often: {', '.join(alike)}" if alike else ""
+        said += "; highest as often or oftener: " if alike else ""
+        said += ", ".join(f"{name} in {len(ahead[name])}" for name in alike)
         said += f"; not driven everywhere: {', '.join(missing)}" if missing else ""
         if 2 * len(lost) >= len(places):
             return Finding(Verdict.NOT_UPHELD, said)
@@ -248,11 +291,15 @@ def faster(method: str, rivals: Sequence[str], places: Sequence[str], needed: Se
             won, lost = sum(s >= STEP_S for s in known), sum(s <= -STEP_S for s in known)
             over = f" ({len(own)} x {len(theirs)} runs)" if len(own) * len(theirs) > 1 else ""
             said = f"than {name} faster in {won}, slower in {lost} of {len(known)} tracks{over}"
-            verdict = Verdict.UPHELD if 2 * won > len(known) else Verdict.NOT_UPHELD
-            findings.append(Finding(verdict if known else Verdict.UNDECIDED, said))
+            findings.append(Finding(_in_most(won, len(known)), said))
         return weakest(findings) if findings else NOT_DRIVEN
 
     return rule
+
+
+def _in_most(won: int, n: int) -> Verdict:
+    """Return whether something is so in most of n; in just half of them, which none are too, is undecided."""
+    return Verdict.UNDECIDED if 2 * won == n else Verdict.UPHELD if 2 * won > n else Verdict.NOT_UPHELD
 
 
 def _policies(evidence: Evidence, scope: Scope, method: str, places: Sequence[str]) -> list[dict[str, list[Drive]]]:

@@ -1,7 +1,7 @@
 """How often a method's drives are so, and how much oftener than another's; over seeds where there are enough."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +78,36 @@ def compare(
         return None
     one, other = (rate(pool, what) for pool in pools)
     return Compared((one.share, other.share), rate_difference(one, other), f"{a} {one}; {b} {other}")
+
+
+def compare_places(
+    evidence: Evidence, scope: Scope, method: str, places: Sequence[str], others: Sequence[str], what: What
+) -> Compared | None:
+    """Return how much oftener a method's drives are so in some worlds than in others.
+
+    Over runs, each by its own difference, where enough were judged and differ, else over episodes; None where it has
+    not driven in all of these worlds.
+    """
+    runs = evidence.of_seeds(scope, method, (*places, *others))
+    if len(runs) >= ENOUGH_SEEDS:
+        both = [[_mean_share(at, of, what) for of in (places, others)] for at in runs]
+        one, other = (float(mean) for mean in np.mean(both, axis=0))
+        low, high = seeds_interval([here - there for here, there in both])
+        difference = Difference(one - other, low, high)
+        if math.isnan(low):
+            pools = ([drive for at in runs for place in of for drive in at[place]] for of in (places, others))
+            difference = rate_difference(*(rate(pool, what) for pool in pools))
+    else:
+        pooled = [evidence.pool(scope, method, of) for of in (places, others)]
+        if not all(pooled):
+            return None
+        a, b = (rate(pool, what) for pool in pooled)
+        one, other, difference = a.share, b.share, rate_difference(a, b)
+    return Compared((one, other), difference, f"{one:.0%}; elsewhere {other:.0%}")
+
+
+def _mean_share(at: Mapping[str, Sequence[Drive]], places: Sequence[str], what: What) -> float:
+    return sum(rate(at[place], what).share for place in places) / len(places)
 
 
 def _all_of_them(evidence: Evidence, scope: Scope, method: str, places: Sequence[str], what: What) -> Rate:

@@ -6,7 +6,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from zebrat_bullet.report.comparison.evidence import TRACKS, Drive, Evidence, Scope, rate
-from zebrat_bullet.report.comparison.rules import NOT_DRIVEN, Finding, Rule, Verdict, decide, of_difference, weakest
+from zebrat_bullet.report.comparison.rules import (
+    NOT_DRIVEN,
+    Finding,
+    Rule,
+    Verdict,
+    decide,
+    fails_there,
+    is_often,
+    of_difference,
+    weakest,
+)
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, LEVEL, Rate, rate_difference, seeds_difference
 
 PLANNERS = ("DWA", "TEB")
@@ -149,7 +159,9 @@ def finds_a_way_out(algorithm: str, reward: str) -> Rule:
         at = Rate(sum((run["best_success"] or 0.0) > 0.5 for run in runs), len(runs))
         low, high = at.interval
         verdict = Verdict.UPHELD if low > 0.5 else Verdict.NOT_UPHELD if high < 0.5 else Verdict.UNDECIDED
-        return Finding(verdict, f"{at} runs have a policy that leaves it in most of its own evaluations")
+        seeds = len({run["seed"] for run in runs})
+        of = f" ({len(runs)} runs of {seeds} seeds)" if seeds < len(runs) else ""
+        return Finding(verdict, f"{at} runs have a policy that leaves in most of the drives of its best evaluation{of}")
 
     return rule
 
@@ -188,7 +200,7 @@ def more_at_radius(radius: str, other: str, what: Callable[[Drive], bool], word:
     """Return the rule that drives of map-based planners end so, which is bad, oftener with one dilation radius.
 
     Each setting is compared with itself at the other radius, its planners in all tracks together, which at the paper's
-    budget are both; decided is what all settings agree on that leave room for a difference.
+    budget are both; decided is what all settings agree on.
     """
 
     def rule(evidence: Evidence, scope: Scope) -> Finding:
@@ -200,14 +212,76 @@ def more_at_radius(radius: str, other: str, what: Callable[[Drive], bool], word:
             if whole and (scope != "paper" or len(methods) == len(PLANNERS)):
                 one, two = (rate(of, what) for of in pair)
                 said = f"{word}{f' ({setting})' if setting else ''}: {radius} m {one}; {other} m {two}"
-                findings.append(decide(rate_difference(one, two), one.share, said))
-        if not findings:
+                findings.append(decide(rate_difference(one, two), 1.0 - two.share, said))
+        return agreed(findings)
+
+    return rule
+
+
+def planner_fails_there(method: str, places: Sequence[str]) -> Rule:
+    """Return the rule that a planner often fails in some of Tracks 1 to 8, and oftener than in the others.
+
+    At the paper's budget in its better setting; beyond it by each fairer setting, decided where all agree.
+    """
+    others = [place for place in TRACKS if place not in places]
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        if scope == "paper":
+            return fails_there(method, places)(evidence, scope)
+        settings: dict[str, list[Drive]] = defaultdict(list)
+        for place in TRACKS:
+            for drive in evidence.drives_of(scope, method, place):
+                settings[", ".join(filter(None, (drive.setting, drive.noise)))].append(drive)
+        findings = []
+        for setting, drives in sorted(settings.items()):
+            here, there = ([drive for drive in drives if drive.place in of] for of in (places, others))
+            if {drive.place for drive in drives} == set(TRACKS):
+                at, other = (rate(of, lambda drive: not drive.success) for of in (here, there))
+                said = f"{setting}: does not leave {at.share:.0%}, elsewhere {other.share:.0%}"
+                contrast = decide(rate_difference(at, other), 1.0 - other.share, said)
+                findings.append(weakest([Finding(is_often(at.interval), said), contrast]))
+        return agreed(findings)
+
+    return rule
+
+
+def agreed(findings: Sequence[Finding]) -> Finding:
+    """Return what several settings agree on; what they do not is undecided."""
+    if not findings:
+        return NOT_DRIVEN
+    said = ". ".join(each.evidence for each in findings)
+    if len({each.verdict for each in findings}) > 1:
+        return Finding(Verdict.UNDECIDED, said)
+    whys = {each.why for each in findings}
+    return Finding(findings[0].verdict, said, whys.pop() if len(whys) == 1 else "")
+
+
+def more_with_a_wrong_pose(what: Callable[[Drive], bool], word: str) -> Rule:
+    """Return the rule that drives of planners end so oftener where their pose is wrong, on the map made before.
+
+    DWA and TEB together over Tracks 1 to 8, each setting against itself with an exact pose; beside it stand those with
+    a costmap from the live scan.
+    """
+
+    def rule(evidence: Evidence, scope: Scope) -> Finding:
+        if scope == "paper":
+            return Finding(Verdict.UNDECIDED, "map and pose are exact there", "not asked")
+        by_setting: dict[str, dict[bool, list[Drive]]] = defaultdict(lambda: defaultdict(list))
+        for drive in evidence.drives:
+            if drive.method in PLANNERS and drive.sim == "bullet" and drive.place in TRACKS:
+                beside = [part for part in drive.setting.split(", ") if not part.startswith("radius")]
+                by_setting[", ".join(beside)][bool(drive.noise)].append(drive)
+        found: dict[str, Finding] = {}
+        for setting, by in sorted(by_setting.items()):
+            whole = {(drive.setting, drive.method, drive.place) for drive in by[True]}
+            exact = [drive for drive in by[False] if (drive.setting, drive.method, drive.place) in whole]
+            if exact and len({drive.place for drive in by[True]}) == len(TRACKS):
+                one, two = rate(by[True], what), rate(exact, what)
+                said = f"{word} ({setting or 'map made before'}): wrong pose {one}; exact {two}"
+                found[setting] = decide(rate_difference(one, two), 1.0 - two.share, said)
+        if "" not in found:
             return NOT_DRIVEN
-        said = ". ".join(each.evidence for each in findings)
-        first, *others = [each for each in findings if each.why != "no room"] or findings
-        if any(each.verdict != first.verdict for each in others):
-            return Finding(Verdict.UNDECIDED, said)
-        return Finding(first.verdict, said, first.why)
+        return Finding(found[""].verdict, ". ".join(each.evidence for each in found.values()), found[""].why)
 
     return rule
 
