@@ -26,6 +26,7 @@ from zebrat_bullet.comparison.tables import COLUMNS, read_tables, table_of, writ
 from zebrat_bullet.errors import ConfigError
 from zebrat_bullet.evaluation.csv_log import read_rows
 from zebrat_bullet.evaluation.endings import count_reversals, longest_way_back
+from zebrat_bullet.evaluation.set_episodes import SCHEMA
 from zebrat_bullet.evaluation.track_set import read_set
 from zebrat_bullet.report.comparison.settings import asked_runs
 from zebrat_bullet.training.archive import as_folder
@@ -307,6 +308,7 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     (held_out,) = (step for step in steps(place(tiny)) if step.name.startswith("judge held-out"))
     shipped = hashlib.sha256((ROOT / "zebrat_bullet" / "policies" / "shipped.safetensors").read_bytes()).hexdigest()
     assert isinstance(held_out, Judge) and held_out.made_by()["sha256"] == shipped  # of one that is named, too
+    assert held_out.made_by()["format"] == SCHEMA and "format" not in random.made_by()  # worlds leave whole records
 
 
 def test_a_run_that_is_not_finished_has_no_policy_to_be_judged(tiny: Path):

@@ -543,7 +543,7 @@ def test_on_held_out_tracks_it_is_counted_who_backs_up_where_nothing_asks_for_it
     unknown = [row | {"method": "DWA", "setting": "its own"} for row in on_set(0, [None])]
     made = tables(episodes=[*drives, *unknown, *clone, *(row | {"setting": "99 pairs"} for row in clone)])
     parts = {part.title: part for part in scale_section(Evidence(made)).parts}
-    _, success, backing = parts["By certified reversals"].blocks
+    _, _, success, _, backing = parts["By certified reversals"].blocks
     assert success.head == backing.head == ("set", "0", "2", "dead ends")
     assert [row[0] for row in backing.rows] == ["*episodes of a run*", "IL, 9 pairs", "IL, 99 pairs", "shipped"]
     assert [cell.text for cell in success.rows[0][1:]] == ["5", "4", "2"]

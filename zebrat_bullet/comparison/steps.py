@@ -189,7 +189,8 @@ class Judge:
             "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
-        return made_by | ({"format": SCHEMA} if world is None else {"world": world})
+        made_by |= {} if world is None else {"world": world}
+        return made_by | ({"format": SCHEMA} if self.cell.is_set else {})
 
     def is_done(self) -> bool:
         """Return whether it is driven, or kept."""

@@ -61,9 +61,9 @@ def _grid(grid: Grid) -> str:
         rows.append(f'<tr><th scope="row">{_MARKDOWN.renderInline(first.text)}</th>{cells}</tr>\n')
     table = f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table>"
     wordy = " wordy" if grid.wordy else ""
-    return (
-        f'<figure class="grid{wordy}"><div class="wide" tabindex="0">{table}</div>{_caption(grid.caption)}</figure>\n'
-    )
+    label = f'role="region" aria-label="{escape("table: " + ", ".join(grid.head))}"'
+    wide = f'<div class="wide" tabindex="0" {label}>{table}</div>'
+    return f'<figure class="grid{wordy}">{wide}{_caption(grid.caption)}</figure>\n'
 
 
 def _cell(cell: Cell, head: str) -> str:

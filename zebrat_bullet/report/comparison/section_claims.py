@@ -37,9 +37,10 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
                 "episodes). Else a share is one policy's, with Wilson's interval, and a difference is between one "
                 "policy of each, over episodes, with Newcombe's: it speaks of these two policies in these tracks, not "
                 "of what another seed would have learned, and starts of one track resemble each other, so that it is "
-                "on the narrow side. Verdicts are not corrected for being many. The rules are code and see the tables "
-                "only, but were written, and some of them mended, when part of the tables could be seen: they are no "
-                "preregistration. Sections and figures are numbered as in the version on arXiv."
+                "on the narrow side. Where no seed differs from another, the interval over their episodes says nothing "
+                "of what a sixth would do. Verdicts are not corrected for being many. The rules are code and see the "
+                "tables only, but were written, and some of them mended, when part of the tables could be seen: they "
+                "are no preregistration. Sections and figures are numbered as in the version on arXiv."
             ),
             Grid(("claim", "what is compared"), rules, wordy=True),
         ),
@@ -62,7 +63,10 @@ def claims_section(evidence: Evidence) -> tuple[Section, str]:
     )
     paper, scale = (_sum(findings) for findings in zip(*found, strict=True))
     lead = f"At the paper's budget: {paper}. At scale and with fairer rivals: {scale}."
-    said = Text('Each with its evidence and the verdict of a rule: "How each claim is decided", below, has them all.')
+    said = Text(
+        'Each with its evidence and the verdict of a rule: "How each claim is decided", below, has them all. Some rows '
+        "ask parts of one sentence of the paper's, or look at the same drives, so their number is no score."
+    )
     return Section(TITLE, (said, Grid(head, rows, wordy=True)), (harder, how)), lead
 
 

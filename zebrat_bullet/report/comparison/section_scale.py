@@ -136,7 +136,8 @@ def _by_reversals(evidence: Evidence) -> list[Block]:
         f"Episodes in which the car drove back at least {100 * BACKED_M:.0f} cm in one go, by the reversals of the "
         "certificate: under 0 it need not. Mean over seeds, and in brackets from the least to the greatest.",
     )
-    return [Picture("held_out_reversals", drawn, "Success by certified reversals"), *blocks, backing]
+    picture = Picture("held_out_reversals", drawn, "Success by certified reversals")
+    return [picture, Text("**How often they leave**"), *blocks, Text("**How often they back up**"), backing]
 
 
 def _shares(

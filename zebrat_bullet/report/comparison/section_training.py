@@ -20,12 +20,12 @@ _GRID = 101
 def collision_section(evidence: Evidence) -> Section:
     """Return the section on the state representations (paper, IV-A)."""
     said = Text(
-        "**The paper**: SR detects 508 collisions on the big track, FIRect 407 (-19.88 %), FIFR 363 (-28.54 %) (Fig. "
-        "4c). It does not say when a collision counts as detected, nor whether the walls stopped the car. **Ours** "
-        "counts contacts reported by the first sweep after them (in time) or up to 1 s later; the picture shows "
-        "*ghost* walls, which let the car pass on. *Solid* ones stop it with its outline at the wall, so that at "
-        "margin 0 nearly nothing lies inside any outline: there FIFR leads, because its circle reaches 10 cm beyond "
-        "the front corners (and warns where nothing is touched), and SR needs a margin of 6 cm for 99.9 % "
+        "**The paper**: SR detects 508 collisions on the big track, FIRect 407 (-19.88 %), FIFR 363 (-28.54 %) (counts "
+        "read from the picture, Fig. 4c). It does not say when a collision counts as detected, nor whether the walls "
+        "stopped the car. **Ours** counts contacts reported by the first sweep after them (in time) or up to 1 s "
+        "later; the picture shows *ghost* walls, which let the car pass on. *Solid* ones stop it with its outline at "
+        "the wall, so that at margin 0 nearly nothing lies inside any outline: there FIFR leads, because its circle "
+        "reaches 20 cm past the nose (and warns where nothing is touched), and SR needs a margin of 6 cm for 99.9 % "
         "(docs/collisions.md)."
     )
     drawn = draw_counts(evidence)
