@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -309,6 +310,24 @@ def test_scores_of_another_policy_or_of_fewer_episodes_are_no_done_cell(tiny: Pa
     shipped = hashlib.sha256((ROOT / "zebrat_bullet" / "policies" / "shipped.safetensors").read_bytes()).hexdigest()
     assert isinstance(held_out, Judge) and held_out.made_by()["sha256"] == shipped  # of one that is named, too
     assert held_out.made_by()["format"] == SCHEMA and "format" not in random.made_by()  # worlds leave whole records
+
+
+def test_an_edited_car_is_judged_anew(tiny: Path):
+    car = tiny / "car.urdf"
+    car.write_bytes((ROOT / "urdf" / "zebrat.urdf").read_bytes())
+    path = tiny / "manifest.yaml"
+    text = path.read_text(encoding="utf-8")
+
+    def made_by(options: str) -> dict[str, Any]:
+        path.write_text(text.replace("12, options: [--caster, embree]", f"12, options: {options}"), encoding="utf-8")
+        return next(step.made_by() for step in steps(place(tiny)) if isinstance(step, Judge) and "random" in step.name)
+
+    assert "files" not in made_by("[--caster, embree]")
+    before = made_by(f"[--robot, {car}]")
+    assert before == made_by(f"[--robot, {car}]") and before["files"].keys() == {str(car)}
+    assert made_by(f"[--set, task.robot={car}]")["files"] == before["files"]
+    car.write_text(car.read_text(encoding="utf-8") + "<!-- edited -->", encoding="utf-8")
+    assert made_by(f"[--robot, {car}]") != before
 
 
 def test_a_run_that_is_not_finished_has_no_policy_to_be_judged(tiny: Path):

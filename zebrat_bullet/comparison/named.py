@@ -1,5 +1,6 @@
-"""What a manifest names that may change under its name: agents and worlds of the user's own."""
+"""What a manifest names that may change under its name: agents, worlds and files of the user's own."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from zebrat_bullet.agents import FACTORIES, code_or_weights, load_agent
@@ -38,6 +39,15 @@ def digest_of_world(world: str) -> str | None:
         return None
     digest: str = digests(TaskConfig(), {world: sketch_world(world)})["worlds"][world]
     return digest
+
+
+def digests_of_files(options: Sequence[str]) -> dict[str, str]:
+    """Return the SHA-256 of each file that options of a command name, a car's URDF as it may be, by its name there.
+
+    What a file itself names, a mesh, is not looked at.
+    """
+    named = [option.partition("=")[2] or option for option in options]
+    return {name: sha256(Path(name)) for name in named if is_file(name)}
 
 
 def folder_name(named: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from zebrat_bullet.comparison.cells import Cell, cells
 from zebrat_bullet.comparison.manifest import Contacts, Judgement
-from zebrat_bullet.comparison.named import digest_of_agent, digest_of_world, folder_name
+from zebrat_bullet.comparison.named import digest_of_agent, digest_of_world, digests_of_files, folder_name
 from zebrat_bullet.comparison.policies import Place, best_model, best_policy
 from zebrat_bullet.comparison.records import digest, read_records
 from zebrat_bullet.errors import ConfigError, ZebratError
@@ -189,8 +189,9 @@ class Judge:
             "tracks": self._n_tracks(),
             "starts": self.cell.episodes if self.cell.is_set else None,
         }
-        made_by |= {} if world is None else {"world": world}
-        return made_by | ({"format": SCHEMA} if self.cell.is_set else {})
+        files = digests_of_files(self.how.options)
+        known = {"world": world, "files": files or None, "format": SCHEMA if self.cell.is_set else None}
+        return made_by | {name: value for name, value in known.items() if value is not None}
 
     def is_done(self) -> bool:
         """Return whether it is driven, or kept."""
