@@ -325,7 +325,9 @@ def test_an_edited_car_is_judged_anew(tiny: Path):
     assert "files" not in made_by("[--caster, embree]")
     before = made_by(f"[--robot, {car}]")
     assert before == made_by(f"[--robot, {car}]") and before["files"].keys() == {str(car)}
-    assert made_by(f"[--set, task.robot={car}]")["files"] == before["files"]
+    for options in (f"[--set, task.robot={car}]", f"[--set=task.robot={car}]", f"""[--set, 'task.robot="{car}"']"""):
+        assert made_by(options)["files"] == before["files"]
+    assert "files" not in made_by("[--robot, zebrat]")
     car.write_text(car.read_text(encoding="utf-8") + "<!-- edited -->", encoding="utf-8")
     assert made_by(f"[--robot, {car}]") != before
 
@@ -489,7 +491,9 @@ def test_every_seed_means_kept_ones_that_the_budget_does_not_train_too_but_not_w
     assert len(kept) > len(manifest.budget("laptop").seeds) and kept <= seeds["laptop"]
     # Smoke does not train paper-fomt, and so does not cut it short.
     fomt = {("paper-fomt", seed) for seed in manifest.trainings["paper-fomt"].kept_seeds}
-    assert seeds["smoke"] == {("paper", 0), ("scale", 0)} | fomt
+    assert seeds["smoke"] == {("paper", 0), ("scale", 0), ("finetuning", 0)} | fomt
+    tuned = {("finetuning-fomt", seed) for seed in manifest.trainings["finetuning-fomt"].kept_seeds}
+    assert tuned == {one for one in seeds["laptop"] if one[0] == "finetuning-fomt"}  # which it does not train
 
 
 @pytest.mark.parametrize("budget", ["smoke", "laptop", "paper"])

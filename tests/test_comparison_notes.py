@@ -66,7 +66,7 @@ def test_what_the_rewards_do_at_the_papers_budget(evidence: Evidence, notes: str
     for method, said in (("RL_FOMT", "5 to 60"), ("RL_FOT", "9 to 28"), ("RL_FT", "0 to 12"), ("RL_WG", "0 to 32")):
         of_runs = evidence.seeds("paper", method, TRACKS)
         assert said == f"{100 * min(of_runs):.0f} to {100 * max(of_runs):.0f}"
-    assert "leaves Tracks 1 to 8 in 5 to 60 % of the episodes, F O T in 9 to 28, F T in 0 to 12" in notes
+    assert "in 5 to 60 % of the episodes, F O T in 9 to 28, F T in 0 to 12, waypoint guidance in 0 to 32" in notes
 
 
 def test_who_backs_up_and_who_touches_at_the_papers_budget(evidence: Evidence, notes: str) -> None:

@@ -73,7 +73,8 @@ def _cells(
                 continue  # nothing of it can be driven in this budget
             cut_short = bool(trained and trained.get(training_name))
             kept = training.kept_seeds if training.policies and not cut_short else ()
-            every = sorted({*training.seeds_of(seeds), *kept})
+            asked = training.seeds_of(seeds) if trained is None or training_name in trained else ()
+            every = sorted({*asked, *kept})
             for algo in training.algos:
                 for reward in training.rewards:
                     who = {"method": f"RL_{reward.upper()}", "setting": training.setting(algo), "study": training.study}

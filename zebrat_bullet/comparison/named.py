@@ -44,10 +44,10 @@ def digest_of_world(world: str) -> str | None:
 def digests_of_files(options: Sequence[str]) -> dict[str, str]:
     """Return the SHA-256 of each file that options of a command name, a car's URDF as it may be, by its name there.
 
-    What a file itself names, a mesh, is not looked at.
+    A file has a suffix; what it itself names, a mesh, is not looked at.
     """
-    named = [option.partition("=")[2] or option for option in options]
-    return {name: sha256(Path(name)) for name in named if is_file(name)}
+    named = [option.rpartition("=")[2].strip("\"'") for option in options]
+    return {name: sha256(Path(name)) for name in named if Path(name).suffix and is_file(name)}
 
 
 def folder_name(named: str) -> str:

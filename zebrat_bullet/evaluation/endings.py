@@ -48,8 +48,8 @@ class Endings:
 
     @property
     def backed_up(self) -> NDArray[np.bool_]:
-        """Return (W, E) in which episodes the car drove back at least `BACKED_M` in one go."""
-        return self.backed_m >= BACKED_M
+        """Return (W, E) in which episodes the car drove back at least `BACKED_M` in one go, to 0.1 mm."""
+        return self.backed_m.round(4) >= BACKED_M
 
     def causes(self) -> dict[str, int]:
         """Return the number of episodes by outcome."""

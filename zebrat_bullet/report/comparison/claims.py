@@ -201,8 +201,8 @@ CLAIMS = (
     Claim(
         "IL does not generalise",
         "IV-C ii",
-        "often does not leave Tracks 4 to 8, which it was not shown, and more often than Tracks 1 to 3, which it was; "
-        "beside it RL_FOMT, which decides nothing",
+        "often does not leave Tracks 4 to 8, which it was not shown, and more often than Tracks 1 to 3, which it was "
+        "(at scale it was shown none of them); beside it RL_FOMT, which decides nothing",
         fails_there("IL", UNSEEN, beside=(OURS,)),
     ),
     Claim(

@@ -22,8 +22,10 @@ RULE = (
     f"**More** (of two rates): upheld where the whole 95 % interval of the difference is above 0; not upheld where all "
     f"of it is below {MARGIN * 100:.0f} points; else undecided. **No room**: where a set without what is said to help "
     f"already succeeds in more than {1 - MARGIN:.0%} of the episodes, or collides in fewer than {MARGIN:.0%}, nothing "
-    f"can be better by {MARGIN * 100:.0f} points, and the claim is undecided. **Often**: upheld where the whole 95 % "
-    f"interval of the share is above {OFTEN:.0%} (a number of ours, the paper has none), not upheld where it is below. "
+    f"can be better by {MARGIN * 100:.0f} points, and the claim is undecided; and where something bad is said to "
+    f"happen more than elsewhere and happens there in more than {1 - MARGIN:.0%}, too. **Often**: upheld where all of "
+    f"the 95 % interval of the share is above {OFTEN:.0%} (a number of ours, the paper has none), not upheld where it "
+    "is below. "
     "Where a method has not driven in all of the tracks concerned, nothing is decided that its drives could change."
 )
 
@@ -81,9 +83,15 @@ def weakest(findings: Sequence[Finding]) -> Finding:
     """Return what holds of all: upheld if all are, not upheld if any is not."""
     verdicts = [each.verdict for each in findings]
     found = next((v for v in (Verdict.NOT_UPHELD, Verdict.UNDECIDED) if v in verdicts), Verdict.UPHELD)
-    whys = {each.why for each in findings if each.verdict == found}
     said = ". ".join(dict.fromkeys(each.evidence for each in findings))
-    return Finding(found, said, next((why for why in ("not driven", "", "no room") if why in whys), ""))
+    return Finding(found, said, shared_why([each for each in findings if each.verdict == found]))
+
+
+def shared_why(findings: Sequence[Finding]) -> Why:
+    """Return why findings of one verdict are so: what would have to change first."""
+    whys = {each.why for each in findings}
+    order: tuple[Why, ...] = ("not driven", "", "no room", "not asked")
+    return next((why for why in order if why in whys), "")
 
 
 def more(

@@ -35,8 +35,8 @@ def manoeuvre_section(evidence: Evidence) -> Section:
     """Return the section on how the successes were driven."""
     said = Text(
         "**The paper** says that TEB may turn the robot's heading round, that DDPG and O bring backing up, and shows "
-        "times in a picture. **Ours**: all successes on Tracks 1 to 8; of what fails, only how often it was told to "
-        "reverse, in the last column. Clearance is the smallest V_obs - V_range along the 32 bearings of the safety "
+        "times in a picture. **Ours**: all successes on Tracks 1 to 8; of the others, only how often the car was told "
+        "to reverse, in the last column. Clearance is the smallest V_obs - V_range along the 32 bearings of the safety "
         "region; steering effort the sum of all changes of the commanded steering for each metre driven; time is that "
         "of the drive divided by the mean time of the oracle (a planner with map, pose and goal) in the same track. "
         "Box: quartiles, whiskers 5-95 %."
@@ -65,7 +65,7 @@ def _medians(evidence: Evidence, scope: Scope, driven: dict[str, list[Drive]], o
             left, others = ([drive for drive in of_name if drive.success is so] for so in (True, False))
             measured = [_values(what, left, oracle) for what in _MEASURES] + [_values(_MEASURES[0], others, oracle)]
             rows.append((evidence.label(scope, name), Cell(f"{len(left)}", "number"), *map(_median, measured)))
-    head = ("method", "successes", *_MEASURES, f"{_MEASURES[0]} where it fails")
+    head = ("method", "successes", *_MEASURES, f"{_MEASURES[0]} where it does not leave")
     return Grid(head, tuple(rows), "Median, and quartiles in brackets.")
 
 

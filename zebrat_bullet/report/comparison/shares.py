@@ -86,9 +86,12 @@ def compare_places(
     """Return how much oftener a method's drives are so in some worlds than in others.
 
     Over runs, each by its own difference, where enough were judged and differ, else over episodes; None where it has
-    not driven in all of these worlds.
+    not driven in all of these worlds, or too few of the runs that stand for it in some have.
     """
     runs = evidence.of_seeds(scope, method, (*places, *others))
+    if len(runs) < ENOUGH_SEEDS <= len(evidence.of_seeds(scope, method, places)):
+        return None
+    over = f" (mean of {len(runs)} runs)"
     if len(runs) >= ENOUGH_SEEDS:
         both = [[_mean_share(at, of, what) for of in (places, others)] for at in runs]
         one, other = (float(mean) for mean in np.mean(both, axis=0))
@@ -102,8 +105,8 @@ def compare_places(
         if not all(pooled):
             return None
         a, b = (rate(pool, what) for pool in pooled)
-        one, other, difference = a.share, b.share, rate_difference(a, b)
-    return Compared((one, other), difference, f"{one:.0%}; elsewhere {other:.0%}")
+        one, other, difference, over = a.share, b.share, rate_difference(a, b), f" ({b.k} of {b.n})"
+    return Compared((one, other), difference, f"{one:.0%}; elsewhere {other:.0%}{over}")
 
 
 def _mean_share(at: Mapping[str, Sequence[Drive]], places: Sequence[str], what: What) -> float:

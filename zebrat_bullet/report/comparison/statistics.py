@@ -11,6 +11,8 @@ from zebrat_bullet.evaluation.metrics import wilson_interval
 
 LEVEL = 0.05
 """Of every test."""
+_ALIKE = 1e-9
+"""Shares of seeds no further apart than this are the same, but for rounding."""
 ENOUGH_SEEDS = 3
 """From so many runs of a set on, sets are compared over runs, else over episodes."""
 
@@ -70,7 +72,7 @@ def seeds_difference(a: Sequence[float], b: Sequence[float], level: float = LEVE
     """
     x, y = np.array(a, dtype=float), np.array(b, dtype=float)
     value = float(x.mean() - y.mean())
-    if np.ptp(x) == np.ptp(y) == 0.0:
+    if max(np.ptp(x), np.ptp(y)) <= _ALIKE:
         return Difference(value, np.nan, np.nan)
     squares = [of.var(ddof=1) / len(of) for of in (x, y)]
     freedom = sum(squares) ** 2 / sum(s**2 / (len(of) - 1) for s, of in zip(squares, (x, y), strict=True))
@@ -81,7 +83,7 @@ def seeds_difference(a: Sequence[float], b: Sequence[float], level: float = LEVE
 def seeds_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the t-interval of a mean over seeds; NaN where no seed differs from another."""
     x = np.array(values, dtype=float)
-    if np.ptp(x) == 0.0:
+    if np.ptp(x) <= _ALIKE:
         return np.nan, np.nan
     half = float(t.ppf(1.0 - LEVEL / 2.0, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x)))
     return float(x.mean()) - half, float(x.mean()) + half

@@ -15,6 +15,7 @@ from zebrat_bullet.report.comparison.rules import (
     fails_there,
     is_often,
     of_difference,
+    shared_why,
     weakest,
 )
 from zebrat_bullet.report.comparison.statistics import ENOUGH_SEEDS, LEVEL, Rate, rate_difference, seeds_difference
@@ -252,8 +253,7 @@ def agreed(findings: Sequence[Finding]) -> Finding:
     said = ". ".join(each.evidence for each in findings)
     if len({each.verdict for each in findings}) > 1:
         return Finding(Verdict.UNDECIDED, said)
-    whys = {each.why for each in findings}
-    return Finding(findings[0].verdict, said, whys.pop() if len(whys) == 1 else "")
+    return Finding(findings[0].verdict, said, shared_why(findings))
 
 
 def more_with_a_wrong_pose(what: Callable[[Drive], bool], word: str) -> Rule:
@@ -266,17 +266,20 @@ def more_with_a_wrong_pose(what: Callable[[Drive], bool], word: str) -> Rule:
     def rule(evidence: Evidence, scope: Scope) -> Finding:
         if scope == "paper":
             return Finding(Verdict.UNDECIDED, "map and pose are exact there", "not asked")
-        by_setting: dict[str, dict[bool, list[Drive]]] = defaultdict(lambda: defaultdict(list))
+        by_setting: dict[str, dict[tuple[str, ...], dict[bool, list[Drive]]]] = defaultdict(
+            lambda: defaultdict(lambda: defaultdict(list))
+        )
         for drive in evidence.drives:
-            if drive.method in PLANNERS and drive.sim == "bullet" and drive.place in TRACKS:
+            known = not drive.noise or drive.noise.startswith("pose ")
+            if known and drive.method in PLANNERS and drive.sim == "bullet" and drive.place in TRACKS:
                 beside = [part for part in drive.setting.split(", ") if not part.startswith("radius")]
-                by_setting[", ".join(beside)][bool(drive.noise)].append(drive)
+                key = drive.method, drive.place, drive.setting
+                by_setting[", ".join(beside)][key][bool(drive.noise)].append(drive)
         found: dict[str, Finding] = {}
-        for setting, by in sorted(by_setting.items()):
-            whole = {(drive.setting, drive.method, drive.place) for drive in by[True]}
-            exact = [drive for drive in by[False] if (drive.setting, drive.method, drive.place) in whole]
-            if exact and len({drive.place for drive in by[True]}) == len(TRACKS):
-                one, two = rate(by[True], what), rate(exact, what)
+        for setting, by_key in sorted(by_setting.items()):
+            both = {key: by for key, by in by_key.items() if len(by) == 2}
+            if len({key[:2] for key in both}) == len(PLANNERS) * len(TRACKS):
+                one, two = (rate([d for by in both.values() for d in by[wrong]], what) for wrong in (True, False))
                 said = f"{word} ({setting or 'map made before'}): wrong pose {one}; exact {two}"
                 found[setting] = decide(rate_difference(one, two), 1.0 - two.share, said)
         if "" not in found:
